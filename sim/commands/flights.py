@@ -171,7 +171,7 @@ def with_drones(settings: list[str] | None, drones: int | None) -> list[str]:
 
 
 def executor(workers: int | None, dask: str | None) -> Executor:
-    """Return what executes the flights: processes on this machine, or a Dask cluster."""
+    """Return the executor of a campaign's flights: processes on this machine, or a Dask cluster."""
     if dask is None:
         return in_processes(cores() if workers is None else workers)
     if workers is not None:

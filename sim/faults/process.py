@@ -34,7 +34,7 @@ Remind = Callable[[int, Pilot, tuple[Revocation, ...], int], None]  # drone, pil
 
 
 class Life(Enum):
-    """Whether the process of an agent runs, is frozen, or is dead."""
+    """State of an agent's process: it runs, is frozen, or is dead."""
 
     RUNNING = auto()
     FROZEN = auto()

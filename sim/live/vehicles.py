@@ -27,10 +27,10 @@ class Vehicles(Protocol):
         """Override a vehicle as a safety pilot does by remote control. ``mode``: ``manual``, ``hold``, ``return`` or ``land``."""
 
     def begin_fault(self, drone: int, fault: VehicleFault) -> None:
-        """Begin a fault of a vehicle."""
+        """Begin a fault of a vehicle, such as a gust or a failed motor."""
 
     def end_fault(self, drone: int, fault: VehicleFault) -> None:
-        """End a fault of a vehicle."""
+        """End a fault of a vehicle that has been begun."""
 
     def reports(self) -> list[VehicleReport]:
         """Return what an observer sees of each vehicle, besides its motion."""

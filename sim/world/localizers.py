@@ -40,10 +40,11 @@ class SlamTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class EventTruth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Something that happens to a vehicle's localisation ``at_s`` seconds after the start of the simulation: a switch or a jump.
+    """An event in flight that changes a vehicle's localisation: a switch to another kind, or a jump.
 
-    switch_to: new kind of localisation; gnss and rtk are lost at a switch to slam. jump_m: horizontal jump of its position, in a
-    direction drawn from the seed. turn_deg: jump of its heading, to either side. announced: a new epoch begins.
+    at_s: seconds after the start of the simulation. switch_to: new kind of localisation; gnss and rtk are lost at a switch to
+    slam. jump_m: horizontal jump of its position, in a direction drawn from the seed. turn_deg: jump of its heading, to either
+    side. announced: a new epoch begins, so that the agent learns of the jump.
     """
 
     at_s: Seconds

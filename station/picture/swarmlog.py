@@ -75,7 +75,7 @@ class SwarmLog:
     def revoke(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> None:
         """Obey a revocation (withdrawal of a member's rights): remove the member's later log entries, as the drones do.
 
-        ``passed_on_by``: the drone that has relayed the revocation, if known.
+        ``passed_on_by``: the drone that has relayed the revocation; None: not known.
         """
         if self._revocations.take(revocation, now_ns, passed_on_by) is None:
             self._world.forget(self.fusion.log.beyond(revocation.member, revocation.counts))

@@ -65,7 +65,7 @@ class Setting:
     def strikes(self, fault: Fault) -> list[str]:
         """Return the ids of the drones that a fault affects.
 
-        A vehicle that localises by SLAM has no satellites to lose and no heading reset.
+        A vehicle that localises by SLAM is not affected by lost satellites or by a heading reset.
         """
         by_slam = {drone.id for drone in self.mission.drones if drone.localization == "slam"}
         spared = by_slam if isinstance(fault, SatellitesLost | HeadingReset) else frozenset[str]()
@@ -79,7 +79,10 @@ class Setting:
         )
 
     def unheard_s(self, *drones: int) -> float:
-        """Return the time from which one of these drones has no links because it is revoked; infinite if none is revoked."""
+        """Return the time (s) from which one of these drones has no links because it is revoked (its rights are withdrawn).
+
+        The time is infinite if none of them is revoked.
+        """
         return min((self.revoked_s.get(drone, inf) for drone in drones), default=inf) + _LINKED_S
 
     def began_s(self, families: Collection[Family]) -> float:

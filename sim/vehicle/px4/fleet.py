@@ -162,11 +162,11 @@ class Px4Fleet:
             commander.set_mode(Mode[mode.upper()])
 
     def begin_fault(self, drone: int, fault: VehicleFault) -> None:
-        """Begin a fault of a vehicle."""
+        """Begin a fault of a vehicle, such as a gust or a failed motor."""
         self._faults.begin(drone, fault)
 
     def end_fault(self, drone: int, fault: VehicleFault) -> None:
-        """End a fault of a vehicle."""
+        """End a fault of a vehicle that has been begun."""
         self._faults.end(drone, fault)
 
     def reports(self) -> list[VehicleReport]:
