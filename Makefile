@@ -28,7 +28,7 @@ test-all: $(DEV)  ## all tests
 fuzz: $(DEV)  ## broken and random input for all readers, an hour on two cores at most; results/fuzz/
 	$(BIN)/python -m tests.fuzz --out results/fuzz
 
-soak: $(SIM)  ## an hour's mission and 20 short ones in lockstep, ten minutes live: nothing may be left over; results/soak/
+soak: $(DEV)  ## an hour's mission and 20 short ones in lockstep, ten minutes live: nothing may be left over; results/soak/
 	$(BIN)/python benchmarks/soak.py --lockstep 3600 --missions 20 --live 600 --out results/soak
 
 # A real PX4: PX4_BIN=.../build/px4_sitl_default/bin/px4 (or PX4_IMAGE=px4io/px4-sitl:v1.17.0, by docker); PX4_TEST=emulated: emulated vehicles.
@@ -53,7 +53,7 @@ image-test: $(DEV)  ## builds the onboard computer's image, and boots, updates a
 image-smoke: $(DEV)  ## of that, a build, a boot, an update and two power cuts
 	IMAGE_TEST=1 $(PYTEST) tests/image -rs -s -x -m smoke --durations=0 $(KEEP_FAILED)
 
-bench: $(SIM)  ## all benchmarks, one after another
+bench: $(DEV)  ## all benchmarks, one after another
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
 
 table: $(SIM)  ## comparison with the paper's table, 50 flights a column; results/table/

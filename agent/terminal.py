@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 
 from radron.agent.errors import RadronError
+from radron.agent.extras import remedy
 from radron.protocol.errors import ProtocolError
 
 USER_ERROR = 2  # exit code of errors that the user can fix
@@ -26,6 +27,11 @@ def run_command(name: str, command: Callable[[], object]) -> None:
         command()
     except (RadronError, ProtocolError) as error:
         _end(name, str(error))
+    except ModuleNotFoundError as error:
+        missing = remedy(error.name or "")
+        if missing is None:
+            raise
+        _end(name, missing)
     except BrokenPipeError:  # the reader has gone, such as `head`; nothing more can be written, not even on exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(_BROKEN_PIPE)

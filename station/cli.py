@@ -6,13 +6,13 @@ import asyncio
 import os
 import sys
 from collections.abc import Awaitable, Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from radron.agent import version
+from radron.agent.extras import lacking
 from radron.agent.terminal import run_command
 
 if TYPE_CHECKING:
@@ -216,8 +216,8 @@ def export(
 def _require(option: str, library: str) -> None:
     from radron.station.web.serving import StationError  # noqa: PLC0415
 
-    if find_spec(library) is None:
-        raise StationError(f"--{option}: {library} is not installed; install radron with its extra: radron[station,{option}]")
+    if missing := lacking(library):
+        raise StationError(f"--{option}: {missing}")
 
 
 def _foxglove_doors(hub: Hub, layout_file: Path) -> Doors:

@@ -16,7 +16,6 @@ from radron.agent.detector.files.frames import is_frame
 from radron.agent.detector.files.t3pa import T3paReader
 from radron.agent.detector.inspection import BIN_KEV, Inspection, inspect_frame, inspect_hits
 from radron.agent.detector.readout import SENSOR_PIXELS
-from radron.agent.errors import DetectorError
 from radron.agent.outputs import check_output, replacing
 
 if TYPE_CHECKING:
@@ -106,10 +105,8 @@ def _recognised(found: Inspection) -> str:
 
 def _new_figure() -> Figure:
     """Return an empty matplotlib figure; matplotlib is not a dependency of the agent."""
-    try:
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ModuleNotFoundError:
-        raise DetectorError("--png needs matplotlib, which is not installed: pip install matplotlib") from None
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
     return Figure(figsize=(12.0, 8.0), layout="constrained")
 
 

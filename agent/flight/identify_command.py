@@ -63,10 +63,8 @@ def section(found: Identified, drone: str) -> str:
 
 def _figure() -> object:
     """An empty matplotlib figure; matplotlib is not a dependency of the agent."""
-    try:
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError:
-        raise FlightRecordError("--out needs matplotlib, which is not installed: pip install matplotlib") from None
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
     return Figure(figsize=(10.0, 8.0), layout="constrained")
 
 

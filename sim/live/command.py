@@ -16,6 +16,7 @@ import msgspec
 import typer
 
 from radron.agent.errors import ConfigError
+from radron.agent.extras import LIBRARIES, lacking
 from radron.sim.commands.flights import Drones, Estimator, Law, Settings, check_json, checked, with_drones, write_json
 from radron.sim.runfile import make_folder, write_text
 
@@ -90,8 +91,10 @@ def live(
 
     case = checked([scenario], {}, with_drones(settings, drones), [estimator] if estimator else [], law)[0]
     check_json(json)
+    if missing := lacking(*LIBRARIES["sim"]):  # some are first imported by child processes
+        raise ConfigError(missing)
     if page and any(find_spec(name) is None for name in ("radron.station", "uvicorn", "starlette")):
-        raise ConfigError("--page: the station is not installed; install radron with its extra: radron[sim,station]")
+        raise ConfigError("--page: the station is not installed: pip install 'radron[sim,station]'")
     places = _places(external, agent_hosts, mesh, bind, vehicles, len(case.scenario.mission.drones), identity, insecure)
     station = _address(ground_station, vehicles)
     if out is not None:

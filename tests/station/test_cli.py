@@ -49,8 +49,8 @@ def test_tak_needs_a_place_on_earth(run):
 @pytest.mark.parametrize(("option", "value", "library"), [("foxglove", "out.json", "foxglove"), ("tak", "udp://a:1", "pytak")])
 def test_a_library_that_is_not_installed_is_named(run, monkeypatch, option, value, library, tmp_path):
     known = importlib.util.find_spec
-    monkeypatch.setattr(radron.station.cli, "find_spec", lambda name: None if name == library else known(name))
-    assert f"install radron with its extra: radron[station,{option}]" in run(*SERVE, f"--{option}", value)
+    monkeypatch.setattr("radron.agent.extras.find_spec", lambda name: None if name == library else known(name))
+    assert f"--{option}: {library} is not installed: pip install 'radron[{option}]'" in run(*SERVE, f"--{option}", value)
     assert not (tmp_path / "out.json").exists()
 
 

@@ -1,0 +1,26 @@
+"""Optional libraries of the commands, and the extra of the package that installs each."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+LIBRARIES = {  # extra: import names
+    "sim": ("dask", "distributed", "matplotlib", "numba", "pymavlink", "xraylib"),
+    "station": ("starlette", "uvicorn", "websockets"),
+    "foxglove": ("foxglove",),
+    "tak": ("pytak",),
+    "geo": ("pyproj",),
+}
+_EXTRAS = {library: extra for extra, libraries in LIBRARIES.items() for library in libraries}
+
+
+def remedy(module: str) -> str | None:
+    """Return the line that names a missing module and the command that installs its library; None: no optional library."""
+    library = module.partition(".")[0]
+    extra = _EXTRAS.get(library)
+    return extra and f"{library} is not installed: pip install 'radron[{extra}]'"
+
+
+def lacking(*libraries: str) -> str | None:
+    """Return the remedy for the first of these libraries that is not installed; None: all are."""
+    return next((remedy(library) for library in libraries if find_spec(library) is None), None)
