@@ -81,7 +81,7 @@ def test_the_picture_never_overwrites_the_recording(flight, tmp_path):
 def test_without_matplotlib_only_the_picture_is_refused(flight, tmp_path, monkeypatch):
     _, path = flight
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(FlightRecordError, match="matplotlib"):
+    with pytest.raises(ModuleNotFoundError, match="matplotlib"):
         run_identify(path, tmp_path / "picture.png")
     run_identify(path, None)
 
