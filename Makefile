@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/pytest
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test image-smoke bench table figures lint words clean
+.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test image-smoke bench table figures lint words release clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
@@ -78,6 +78,9 @@ lint: $(DEV)  ## style, types and import contracts
 
 words: $(DEV)  ## how plain the prose of code and documents is, by path
 	$(BIN)/python tests/support/words.py
+
+release: $(DEV)  ## sdist and wheel in dist/, checked as a user gets them; KEY=ID signs them, TAG=1 tags the commit
+	.ci/release
 
 clean:  ## removes the environment, the results and all caches
 	rm -rf .venv build dist results *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache .import_linter_cache

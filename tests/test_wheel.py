@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("protocol", "agent", "sim", "station", "deploy")
 FOLDERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-dir"]
 
+PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
+
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> str:
     """Run a command and return its output; its error text if it fails."""
@@ -27,18 +29,24 @@ def run(*command: str | Path, cwd: Path, **environment: str) -> str:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the installed wheel, built from a copy of the tree that holds nothing but the sources."""
+    """A folder with the installed wheel: the one named by WHEEL, or one built from a copy of the sources alone."""
     folder = tmp_path_factory.mktemp("wheel")
-    source, target = folder / "source", folder / "installed"
+    target, given = folder / "installed", os.environ.get("WHEEL")
+    wheel = Path(given) if given else built(folder)
+    run(*PIP, "install", wheel, "--no-deps", "--no-index", "--target", target, cwd=folder)
+    return target
+
+
+def built(folder: Path) -> Path:
+    """Build the wheel from a copy of the sources."""
+    source = folder / "source"
     for package in PACKAGES:
         shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
-    run(*pip, "wheel", ".", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, cwd=source)
+    run(*PIP, "wheel", ".", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, cwd=source)
     (wheel,) = folder.glob("radron-*.whl")
-    run(*pip, "install", wheel, "--no-deps", "--no-index", "--target", target, cwd=folder)
-    return target
+    return wheel
 
 
 def test_every_module_of_the_tree_is_in_the_wheel(installed: Path) -> None:
@@ -62,6 +70,14 @@ def test_tests_know_each_module_by_one_name(package: str) -> None:
     assert FOLDERS[f"radron.{package}"] == package
     assert find_spec(f"radron.{package}") is not None
     assert find_spec(package) is None, "run the tests by the command pytest, not by python -m pytest"
+
+
+@pytest.mark.parametrize("folder", ["station/page", "deploy/image/contents", "deploy/computer/contents"])
+def test_the_data_of_the_packages_are_inside(installed: Path, folder: str) -> None:
+    shipped = {path.relative_to(ROOT) for path in (ROOT / folder).rglob("*") if path.is_file()}
+    place = installed / "radron"
+    assert shipped == {path.relative_to(place) for path in (place / folder).rglob("*") if path.is_file()}
+    assert len(shipped) > 2
 
 
 def test_the_shipped_scenarios_are_inside(installed: Path) -> None:
