@@ -1,7 +1,6 @@
 """The package as users install it: a wheel, imported from outside the tree."""
 
 import os
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -9,12 +8,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from wheels import PACKAGES, PIP, ROOT, radron_wheel
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("protocol", "agent", "sim", "station", "deploy")
 FOLDERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-dir"]
-
-PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet")
 
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> str:
@@ -32,21 +28,9 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the installed wheel: the one named by WHEEL, or one built from a copy of the sources alone."""
     folder = tmp_path_factory.mktemp("wheel")
     target, given = folder / "installed", os.environ.get("WHEEL")
-    wheel = Path(given) if given else built(folder)
+    wheel = Path(given) if given else radron_wheel(folder)
     run(*PIP, "install", wheel, "--no-deps", "--no-index", "--target", target, cwd=folder)
     return target
-
-
-def built(folder: Path) -> Path:
-    """Build the wheel from a copy of the sources."""
-    source = folder / "source"
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    run(*PIP, "wheel", ".", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, cwd=source)
-    (wheel,) = folder.glob("radron-*.whl")
-    return wheel
 
 
 def test_every_module_of_the_tree_is_in_the_wheel(installed: Path) -> None:

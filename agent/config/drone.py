@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from msgspec import Meta, field
 
@@ -94,11 +94,11 @@ class DetectorConfig(Section, frozen=True, kw_only=True):
     """The device or file from which the agent gets the pixel hits of the Compton camera.
 
     ``driver``: ``feed``: the simulation's TCP feed at ``address`` ("host:port"); ``t3pa``: playback of the recording ``file`` in
-    real time; ``pypixet``: the camera itself, by the vendor's module, with its files in ``pixet_folder``. ``bias_v``: bias
-    voltage (V).
+    real time; ``pypixet``: the camera itself, by the vendor's module, with its files in ``pixet_folder``; any other: of an
+    installed package. ``bias_v``: bias voltage (V).
     """
 
-    driver: Literal["none", "feed", "t3pa", "pypixet"] = "none"
+    driver: Identifier = "none"  # none, feed, t3pa, pypixet, or of an installed package
     address: str | None = None
     file: str | None = None
     pixet_folder: str | None = None

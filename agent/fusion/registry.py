@@ -1,18 +1,17 @@
 """Estimators by name, as in commands and the mission file: this package's, and installed packages'.
 
 Another package adds an estimator by an entry point of the group ``radron.estimators``. Its name is the estimator's, its object a
-callable that takes a ``MissionConfig`` and returns an ``Estimator``. Only installed estimators can be named: neither a mission
-file nor a recorded flight can make an agent import anything else.
+callable that takes a ``MissionConfig`` and returns an ``Estimator``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
 from radron.agent.config.mission import MissionConfig
 from radron.agent.errors import ConfigError
+from radron.agent.plugins import entry_point, made
 
 if TYPE_CHECKING:
     from radron.agent.fusion.estimator import Estimator
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from radron.agent.fusion.projection import Rule
 
 Estimators = Callable[[str, MissionConfig], "Estimator[Any]"]  # as ``estimator_named``
-GROUP = "radron.estimators"  # of entry points
 _MEMBERS = ("name", "reads", "grid_s", "hold_s", "initial", "step", "work", "hypothesis", "outlook")
 
 
@@ -38,13 +36,17 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
         ConfigError: no such estimator, the mission lacks a required part, or the installed object is no estimator.
     """
     maker = _MAKERS.get(name)
-    return maker(mission) if maker is not None else _installed(_entry_point(name, "fusion.estimator"), mission)
+    if maker is not None:
+        return maker(mission)
+    point = entry_point("estimator", name, "fusion.estimator", ESTIMATORS)
+    estimator: Estimator[Any] = made("estimator", point, mission, _MEMBERS)
+    return estimator
 
 
 def check_estimator(name: str, where: str) -> None:
     """Raise ConfigError, whose text names ``where``, if no estimator has that name; nothing is imported for the check."""
     if name not in _MAKERS:
-        _entry_point(name, where)
+        entry_point("estimator", name, where, ESTIMATORS)
 
 
 def deferred_named(name: str, mission: MissionConfig) -> Estimator[Any]:
@@ -57,34 +59,6 @@ def deferred_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     from radron.agent.fusion.deferred import Deferred  # noqa: PLC0415  names are checked before anything heavy is imported
 
     return Deferred(estimator)
-
-
-def _entry_point(name: str, where: str) -> EntryPoint:
-    found = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in found:
-        known = ", ".join([*ESTIMATORS, *sorted(set(found) - set(ESTIMATORS))])
-        raise ConfigError(f"{where}: unknown estimator {name!r}; known: {known}")
-    return found[name]
-
-
-def _installed(point: EntryPoint, mission: MissionConfig) -> Estimator[Any]:
-    """Make the estimator of another package.
-
-    Raises:
-        ConfigError: it cannot be imported or made, or lacks a member of the interface.
-    """
-    try:
-        estimator = point.load()(mission)
-    except ConfigError:
-        raise
-    except Exception as error:  # foreign code may fail in any way
-        raise ConfigError(
-            f"estimator {point.name!r}: {point.value} cannot be used: {type(error).__name__}: {error}; correct or uninstall it"
-        ) from error
-    lacking = [member for member in _MEMBERS if not hasattr(estimator, member)]
-    if lacking:
-        raise ConfigError(f"estimator {point.name!r}: {point.value} makes no estimator: it lacks {', '.join(lacking)}")
-    return estimator  # type: ignore[no-any-return]  # as far as can be seen, it is one
 
 
 def _paper(mission: MissionConfig, rule: Rule, name: str) -> PaperEstimator:

@@ -24,6 +24,12 @@ def installed(tmp_path, monkeypatch):
     sys.modules.pop("centroid", None)
 
 
+def test_the_page_shows_the_sample_package():
+    shown = {block.title: block.text for block in docs_pages.blocks(docs_pages.DOCS / "how-to" / "estimator.md")}
+    (code,) = [text for title, text in shown.items() if "centroid.py" in title]
+    assert code == (docs_pages.ROOT / "tests/plugin/centroid.py").read_text(encoding="utf-8")
+
+
 @pytest.mark.usefixtures("installed")
 def test_the_estimator_of_the_page_flies():
     demo = override(load_scenario("paper-demo"), {"mission.track.duration_s": 2, "mission.limits.speed_mps": 6})

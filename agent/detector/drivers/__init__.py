@@ -1,4 +1,8 @@
-"""Detector drivers: the simulation's feed, a recording, or the camera."""
+"""Detector drivers: the simulation's feed, a recording, the camera, or a driver of another package.
+
+Another package adds a driver by an entry point of the group ``radron.detectors``. Its name is the driver's, its object a callable
+that takes a ``DetectorConfig`` and returns a ``Detector``.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,10 @@ from radron.agent.detector.drivers.feed import FeedDetector
 from radron.agent.detector.drivers.t3pa import RecordedDetector
 from radron.agent.detector.readout import Detector
 from radron.agent.errors import ConfigError
+from radron.agent.plugins import entry_point, made
+
+DRIVERS = ("none", "feed", "t3pa", "pypixet")  # of this package
+_MEMBERS = ("readouts", "problems", "close")
 
 
 def open_detector(config: DetectorConfig) -> Detector | None:
@@ -17,7 +25,7 @@ def open_detector(config: DetectorConfig) -> Detector | None:
     Links and devices are not opened here, but by ``readouts``.
 
     Raises:
-        ConfigError: a setting of this driver is missing or wrong.
+        ConfigError: no such driver, a setting of this driver is missing or wrong, or the installed object is no detector.
         DetectorError: the file cannot be read, or the vendor's module is missing.
     """
     match config.driver:
@@ -30,8 +38,11 @@ def open_detector(config: DetectorConfig) -> Detector | None:
 
             folder = None if config.pixet_folder is None else Path(config.pixet_folder)
             return PixetDetector(load_pypixet(folder), config.bias_v)
-        case _:
+        case "none":
             return None
+        case name:
+            detector: Detector = made("detector", entry_point("detector", name, "detector.driver", DRIVERS), config, _MEMBERS)
+            return detector
 
 
 def _needed(value: str | None, driver: str, key: str) -> str:

@@ -122,3 +122,8 @@ def test_what_is_no_recording_is_refused_when_it_is_opened(path):
         open_detector(DetectorConfig(driver="t3pa", file=str(path)))
     with pytest.raises(ConfigError, match=r"detector\.file is missing"):
         open_detector(DetectorConfig(driver="t3pa"))
+
+
+def test_a_driver_that_is_not_installed_is_refused_with_the_known_names():
+    with pytest.raises(ConfigError, match=r"detector\.driver: unknown detector 'pulsar'; known: none, feed, t3pa, pypixet"):
+        open_detector(DetectorConfig(driver="pulsar"))
