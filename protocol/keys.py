@@ -13,9 +13,9 @@ from radron.protocol.errors import ProtocolError
 from radron.protocol.message import DroneMessage, Message, StationMessage
 from radron.protocol.messages import DRONE_KINDS, STATION_KINDS
 from radron.protocol.units import IDENTIFIER, STATION
+from radron.protocol.versions import PROTOCOL
 
-VERSION = 2
-ROOT = f"radron/{VERSION}"
+ROOT = f"radron/{PROTOCOL}"
 _IDENTIFIER = re.compile(IDENTIFIER)
 
 

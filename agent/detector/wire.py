@@ -14,8 +14,8 @@ import numpy as np
 
 from radron.agent.detector.readout import PixelHits, Readout
 from radron.agent.errors import DetectorError
+from radron.protocol.versions import READOUT
 
-VERSION = 1
 MAXIMUM_HITS = 1_000_000  # per frame: more than twice what a MiniPIX can deliver in 0.2 s
 _LENGTH = struct.Struct("<I")
 _HEADER = struct.Struct("<BqqqdII")
@@ -37,7 +37,7 @@ def pack(readout: Readout) -> bytes:
     if count > MAXIMUM_HITS:
         raise DetectorError(f"a readout of {count} hits does not fit a frame (at most {MAXIMUM_HITS}); make readouts shorter")
     lost = min(readout.lost_hits, 0xFFFFFFFF)
-    header = _HEADER.pack(VERSION, readout.start_ns, readout.end_ns, readout.clock_ns, readout.live_time_s, lost, count)
+    header = _HEADER.pack(READOUT, readout.start_ns, readout.end_ns, readout.clock_ns, readout.live_time_s, lost, count)
     arrays = (hits.tick.astype("<i8").tobytes(), hits.index.astype("<u2").tobytes(), hits.tot.astype("<u2").tobytes())
     return b"".join((_LENGTH.pack(_HEADER.size + count * _HIT_BYTES), header, *arrays))
 
@@ -73,8 +73,8 @@ class Unpacker:
 def _unpack(frame: bytes) -> Readout:
     """A frame without its length."""
     version, start_ns, end_ns, clock_ns, live_time_s, lost_hits, count = _HEADER.unpack_from(frame)
-    if version != VERSION:
-        raise DetectorError(f"readouts of version {version}, known is {VERSION}; both ends must have the same radron")
+    if version != READOUT:
+        raise DetectorError(f"readouts of version {version}, known is {READOUT}; both ends must have the same radron")
     if len(frame) != _HEADER.size + count * _HIT_BYTES:
         raise DetectorError(f"not a readout: {count} hits in {len(frame)} bytes")
     if not (0 <= start_ns <= end_ns < _LAST_NS and 0 <= clock_ns < _LAST_NS):

@@ -19,8 +19,8 @@ from radron.agent.fusion.registry import deferred_named, estimator_named
 from radron.agent.mission.memory import Memory
 from radron.agent.mission.uploads import Origin
 from radron.agent.pilot import Pilot
-from radron.protocol.keys import VERSION
 from radron.protocol.signing import Trust
+from radron.protocol.versions import PROTOCOL
 
 _PACKAGES = ("radron", "numpy", "scipy", "osqp", "shapely", "msgpack", "msgspec")
 
@@ -33,10 +33,10 @@ class Recording(Struct, frozen=True, kw_only=True):
 
     def check_protocol(self, file: Path) -> None:
         """Raise FlightRecordError if the messages in the record are of another version of the protocol than this release's."""
-        if self.protocol == VERSION:
+        if self.protocol == PROTOCOL:
             return
-        text = f"{file}: recorded with version {self.protocol} of the protocol, here {VERSION}"
-        if self.protocol < VERSION:
+        text = f"{file}: recorded with version {self.protocol} of the protocol, here {PROTOCOL}"
+        if self.protocol < PROTOCOL:
             raise FlightRecordError(f"{text}: no release reads it")
         raise FlightRecordError(f"{text}: read it with the radron that recorded it ({self.versions.get('radron', 'unknown')})")
 
@@ -105,7 +105,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             memory=memory,
             calibration=calibration,
             versions=_versions(),
-            protocol=VERSION,
+            protocol=PROTOCOL,
             certificate=trust.certificate if trust is not None else b"",
             authority=trust.authority_pem if trust is not None else "",
             nonce_key=nonce_key,

@@ -15,6 +15,7 @@ from radron.agent.mission.memory import Memory
 from radron.agent.outputs import write_durably
 from radron.agent.shell.logs import Logger
 from radron.agent.vehicle.interface import LaunchPlace
+from radron.protocol import versions
 
 SLOW_S = 5.0  # longer writes are reported
 PROBE_S = 30.0  # interval of writes without a change, as on the ground: a full disk shows before a start
@@ -47,18 +48,23 @@ class _Kept(_Written, frozen=True, kw_only=True):
     """
 
     check: str
+    version: int = 1  # as of files without one
 
 
 def encode_state(state: State) -> bytes:
     """Return the content of a state file, from which a restarted agent continues."""
     memory, launch = Raw(msgspec.json.encode(state.memory)), Raw(msgspec.json.encode(state.launch))
-    return msgspec.json.encode(_Kept(memory=memory, launch=launch, check=_check(msgspec.json.encode(state))))
+    return msgspec.json.encode(
+        _Kept(memory=memory, launch=launch, check=_check(msgspec.json.encode(state)), version=versions.STATE)
+    )
 
 
 def decode_state(content: bytes) -> State:
     """Decode the content of a state file; raises msgspec.MsgspecError if it is damaged, or not a state."""
     try:
         kept = msgspec.json.decode(content, type=_Kept)
+        if kept.version > versions.STATE:
+            raise msgspec.ValidationError(f"version {kept.version} of the state, and this release reads up to {versions.STATE}")
         written = msgspec.json.encode(_Written(memory=kept.memory, launch=kept.launch))
         state = msgspec.json.decode(written, type=State)
     except (UnicodeDecodeError, RecursionError) as error:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from radron.protocol.keys import VERSION, read_token
+from radron.protocol.keys import read_token
+from radron.protocol.versions import PROTOCOL
 
 MOST_ALIVE = 256  # kept names with a liveliness token
 
@@ -27,7 +28,7 @@ class Presence:
     def take(self, key: str, appears: bool) -> None:
         """Record that a drone's liveliness token has appeared or, with ``appears`` false, has vanished."""
         drone, version = read_token(key)
-        if version != str(VERSION):
+        if version != str(PROTOCOL):
             self._differ(drone, version, appears)
         elif not appears:
             self.alive.discard(drone)
@@ -40,7 +41,7 @@ class Presence:
     def differing(self) -> tuple[str, ...]:
         """Connected drones with another version of the protocol, one line of text each."""
         return tuple(
-            f"{drone} speaks version {version or 'unknown'} of the protocol, here {VERSION}: give all the same version of radron"
+            f"{drone} speaks version {version or 'unknown'} of the protocol, here {PROTOCOL}: give all the same version of radron"
             for drone, version in sorted(self._differing.items())
         )
 

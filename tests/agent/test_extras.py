@@ -13,9 +13,7 @@ from radron.agent.extras import LIBRARIES, remedy
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 # Starts a command in an environment without some libraries: an import of None fails as that of a missing one.
-WITHOUT = (
-    "import sys; sys.modules |= dict.fromkeys(sys.argv.pop(1).split(',')); from radron.{} import main; sys.argv[0] = 'x'; main()"
-)
+WITHOUT = "import sys; sys.modules |= dict.fromkeys(sys.argv.pop(1).split(',')); from {} import main; sys.argv[0] = 'x'; main()"
 
 
 def names(requirements: list[str]) -> set[str]:
@@ -53,10 +51,10 @@ def test_modules_of_no_extra_have_no_remedy() -> None:
 @pytest.mark.parametrize(
     ("without", "command", "main"),
     [
-        ("numba", "radron-sim", ("sim.cli", "run", "demo", "--out", "out")),
-        ("xraylib", "radron-sim", ("sim.cli", "run", "demo", "--out", "out")),
-        ("pymavlink", "radron-sim", ("sim.cli", "live", "demo", "--out", "out")),
-        ("starlette", "radron-station", ("station.cli", "serve", "x.toml", "--connect", "tcp/[::1]:9", "--insecure")),
+        ("numba", "radron-sim", ("radron.sim.cli", "run", "demo", "--out", "out")),
+        ("xraylib", "radron-sim", ("radron.sim.cli", "run", "demo", "--out", "out")),
+        ("pymavlink", "radron-sim", ("radron.sim.cli", "live", "demo", "--out", "out")),
+        ("starlette", "radron-station", ("radron.station.cli", "serve", "x.toml", "--connect", "tcp/[::1]:9", "--insecure")),
     ],
 )
 def test_a_command_without_its_library_names_the_extra(tmp_path: Path, without: str, command: str, main: tuple[str, ...]) -> None:

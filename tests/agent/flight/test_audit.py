@@ -178,7 +178,7 @@ def only_segment(folder):
 
 
 def test_a_record_of_another_protocol_ends_in_one_line(tmp_path, told, monkeypatch):
-    monkeypatch.setattr("radron.agent.flight.header.VERSION", 3)
+    monkeypatch.setattr("radron.agent.flight.header.PROTOCOL", 3)
     folder = flown(tmp_path / "d1", FLIGHT[:1])
     monkeypatch.undo()
     code, out, err = told(folder)

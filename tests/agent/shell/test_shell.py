@@ -26,6 +26,7 @@ from radron.agent.shell.missionstore import InForce
 from radron.agent.shell.node import Node
 from radron.agent.shell.statestore import State, StateFile, StateStore
 from radron.agent.vehicle.interface import LaunchPlace
+from radron.protocol import versions
 from radron.protocol.messages import Stage
 
 STATE = State(
@@ -144,6 +145,20 @@ def test_a_damaged_state_is_no_state(tmp_path: Path, log: Logger) -> None:
         assert store.load() == State()
         assert store.problem is not None
         assert path.read_bytes() == damaged
+
+
+def test_the_state_of_a_newer_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a rollback to the other slot, an older agent finds the file of a newer one."""
+    file = StateFile(str(tmp_path), "d1")
+    with monkeypatch.context() as newer:
+        newer.setattr(statestore.versions, "STATE", versions.STATE + 1)
+        file.save(STATE)
+    with pytest.raises(msgspec.ValidationError, match=r"version 2 of the state, and this release reads up to 1"):
+        file.load()
+    written = json.loads(file.path.read_text())
+    del written["version"]  # as before the file named it
+    file.path.write_text(json.dumps(written, separators=(",", ":")))
+    assert file.load() == STATE
 
 
 def test_a_flipped_bit_is_no_state_either(tmp_path: Path, log: Logger) -> None:
