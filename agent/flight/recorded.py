@@ -96,26 +96,26 @@ class RecordedPilot:
         return self._pilot.counters
 
     def observe_vehicle(self, state: VehicleState) -> None:
-        """Record and pass on telemetry, see ``Pilot.observe_vehicle``."""
+        """Record telemetry of the autopilot, and pass it to the pilot program, see ``Pilot.observe_vehicle``."""
         self._sink.write(topics.VEHICLE, topics.encode_state(state))
         self._run(self._pilot.observe_vehicle, state)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
-        """Record and pass on a readout of the camera, see ``Pilot.observe_detector``."""
+        """Record a readout of the camera, and pass it to the pilot program, see ``Pilot.observe_detector``."""
         self._sink.write(topics.DETECTOR, topics.encode_readout(readout))
         publications = self._run(self._pilot.observe_detector, readout)
         self._tell_publications(publications, readout.end_ns)
         return publications
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
-        """Record and pass on a satellite position, see ``Pilot.observe_fix``."""
+        """Record a satellite position, and pass it to the pilot program, see ``Pilot.observe_fix``."""
         self._sink.write(topics.FIX, topics.encode_given(fix))
         publications = self._run(self._pilot.observe_fix, fix)
         self._tell_publications(publications, fix.stamp_ns)
         return publications
 
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
-        """Record and pass on relative observations of other drones, see ``Pilot.observe_sightings``."""
+        """Record relative observations of other drones, and pass them to the pilot program, see ``Pilot.observe_sightings``."""
         if not seen:
             return []
         self._sink.write(topics.SIGHTINGS, topics.encode_given(list(seen)))
@@ -124,7 +124,7 @@ class RecordedPilot:
         return publications
 
     def receive(self, key: str, payload: bytes, now_ns: int) -> Verdict | None:
-        """Record and pass on a message, see ``Pilot.receive``."""
+        """Record a message from the radio network, and pass it to the pilot program, see ``Pilot.receive``."""
         self._sink.write(topics.MESSAGE, topics.encode_message(key, payload), now_ns)
         verdict = self._run(self._pilot.receive, key, payload, now_ns)
         if verdict is not None and (not verdict.refused or self._is_told(now_ns)):
@@ -132,41 +132,41 @@ class RecordedPilot:
         return verdict
 
     def advance(self, now_ns: int) -> None:
-        """Record and make the call ``Pilot.advance``, which processes new log entries."""
+        """Record the call, and let the pilot program process new log entries, see ``Pilot.advance``."""
         self._sink.write(topics.ADVANCE, b"{}", now_ns)
         self._run(self._pilot.advance, now_ns)
         self._tell_hypothesis(now_ns)
 
     def warn(self, problems: tuple[str, ...]) -> None:
-        """Record and set warnings for the operator, see ``Pilot.warn``."""
+        """Record the warnings for the operator, and pass them to the pilot program, see ``Pilot.warn``."""
         self._sink.write(topics.WARN, msgspec.json.encode(problems))
         self._run(self._pilot.warn, problems)
 
     def block(self, problems: tuple[str, ...]) -> None:
-        """Record and set problems that prevent a start, see ``Pilot.block``."""
+        """Record problems that prevent a start, and pass them to the pilot program, see ``Pilot.block``."""
         self._sink.write(topics.BLOCK, msgspec.json.encode(problems))
         self._run(self._pilot.block, problems)
 
     def notice(self, notices: tuple[str, ...]) -> None:
-        """Record and set notices to the operator, see ``Pilot.notice``."""
+        """Record notices to the operator, and pass them to the pilot program, see ``Pilot.notice``."""
         self._sink.write(topics.NOTICE, msgspec.json.encode(notices))
         self._run(self._pilot.notice, notices)
 
     def decline(self, reason: str) -> None:
-        """Record and report why an uploaded mission was refused, see ``Pilot.decline``."""
+        """Record why an uploaded mission was refused, and let the pilot program report it, see ``Pilot.decline``."""
         self._sink.write(topics.DECLINE, msgspec.json.encode(reason))
         self._run(self._pilot.decline, reason)
 
     def answered(self, question: int, told: Told) -> None:
-        """Record and pass on the answer of a slow estimator that is computed in another process, see ``Fusion.answered``.
+        """Record the time at which a slow estimator answered in another process, and pass on the answer, see ``Fusion.answered``.
 
-        The time of the answer is recorded, not its content, which follows from the log.
+        The content is not recorded, because it follows from the log.
         """
         self._sink.write(topics.ANSWERED, msgspec.json.encode(question))
         self._run(self._pilot.fusion.answered, question, told)
 
     def step(self, now_ns: int) -> Step:
-        """Record and make one step of the flight, see ``Pilot.step``."""
+        """Record the call, let the pilot program make one step of the flight, and record the results, see ``Pilot.step``."""
         self._sink.write(topics.STEP, b"{}", now_ns)
         step = self._run(self._pilot.step, now_ns)
         self._sink.write(topics.COMMAND, topics.encode_command(step.command), now_ns)
@@ -183,7 +183,7 @@ class RecordedPilot:
         return self._pilot.log_summary()
 
     def log_answer(self, request: bytes) -> list[tuple[str, bytes]]:
-        """Record and answer a request for log entries, see ``Pilot.log_answer``."""
+        """Record a request for log entries, and let the pilot program answer it, see ``Pilot.log_answer``."""
         self._sink.write(topics.QUERY, request)
         replies = self._run(self._pilot.log_answer, request)
         size = sum(len(payload) for _, payload in replies)

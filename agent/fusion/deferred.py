@@ -113,9 +113,10 @@ class Deferred:
         return bool(self._questions)
 
     def task(self, held: Collection[int], question: int | None = None) -> Task | None:
-        """Return the next piece of computation for an unanswered question; None without a question. The call changes nothing.
+        """Return the next piece of computation for an unanswered question (request for a source estimate); None without a
+        question.
 
-        held: numbers of the states that the other process holds. question: None: the newest question.
+        held: numbers of the states that the other process holds. question: None: the newest question. The call changes nothing.
         """
         number = next(reversed(self._questions), None) if question is None else question
         if number is None or number not in self._questions:
@@ -135,10 +136,10 @@ class Deferred:
         return Task(number, link.start_ns, after, tuple(links), None if missing else at)
 
     def next_task(self, held: Collection[int], begun: int | None) -> Task | None:
-        """Return the next piece of computation for a process that computes one after the other; None without a question.
+        """Return the next piece of computation for the other process, which computes one after the other; None if there is none.
 
-        begun: question of the last task, if its answer takes further tasks. It is finished first; otherwise a stream of late
-        entries could hold back all answers.
+        begun: question (request for a source estimate) of the last task, if its answer takes further tasks. It is finished first;
+        otherwise a stream of late entries could hold back all answers.
         """
         return (None if begun is None else self.task(held, begun)) or self.task(held)
 

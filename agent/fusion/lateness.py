@@ -38,7 +38,7 @@ class Latecomers:
         self._entries.pop(identity, None)
 
     def taken(self, before: int, due: int) -> dict[EntryId, AnyEntry | None]:
-        """Return the waiting entries if they are due, and forget them here; else nothing.
+        """Return the late log entries that wait here if they are due, and forget them; else nothing.
 
         before, due: newest step of the time grid before this call, and now.
         """

@@ -255,7 +255,7 @@ class ObservationLog:
         )
 
     def newest_ns(self, kind: type[Entry]) -> int:
-        """Return the latest time stamp (ns) of the entries of a kind that count; 0 without any."""
+        """Return the latest time stamp (ns) of the log's entries of a kind that count; 0 without any."""
         held, leaves_out = self._payloads[kind], self._counting.leaves_out
         newest = max(held, key=attrgetter("stamp_ns"), default=None)
         if newest is None or not leaves_out(kind, newest):

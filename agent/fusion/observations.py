@@ -35,7 +35,9 @@ class Observations:
         self._held.pop(identity, None)
 
     def missing(self, identities: Iterable[EntryId]) -> int:
-        """Return how many observations of these entries would have to be rebuilt; one takes a unit of ``Estimator.work``."""
+        """Return how many observations of these log entries are not in the cache; rebuilding one takes a unit of
+        ``Estimator.work``.
+        """
         return sum(identity not in self._held for identity in identities)
 
     def of(self, identity: EntryId) -> Observation | None:

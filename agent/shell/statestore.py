@@ -93,7 +93,7 @@ class StateFile:
             return State()
 
     def save(self, state: State) -> None:
-        """Replace the file: a power cut leaves the old or the new state, never a part. Raises OSError."""
+        """Write the state to the file: after a power cut the file has the old or the new state, never a part. Raises OSError."""
         write_durably(self.path, encode_state(state))
 
 

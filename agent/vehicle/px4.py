@@ -88,7 +88,7 @@ class Px4Vehicle:
         self.counters = self._link.counters
 
     async def connect(self) -> None:
-        """Open the link, and wait until the autopilot is found.
+        """Open the link to the autopilot, and wait until it is found.
 
         Raises:
             VehicleError: a bad address, a port in use, or no PX4 there within ``connect_timeout_s``.

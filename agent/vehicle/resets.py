@@ -68,7 +68,7 @@ class Resets:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the newest position is held back, because it is not decided yet to which frame it belongs."""
+        """Whether the autopilot's newest position is held back, because it is not decided yet to which local frame it belongs."""
         return self._held
 
     def judge(self, stamp_s: float, position: Vector3, velocity: Vector3, yaw: float, turning: float) -> bool | None:

@@ -184,7 +184,9 @@ class Telemetry:
         return now_s - self._heartbeat_s > LOST_S
 
     def awaits_mode(self, now_s: float) -> bool:
-        """Whether the known mode is older than a gap in all messages, so that the next heartbeat must be awaited."""
+        """Whether the autopilot's known mode is older than a gap in all its messages, so that the next heartbeat must be
+        awaited.
+        """
         return self._heartbeat_s < self._back_s and now_s - self._back_s < BACK_S
 
     def problems(self, now_s: float) -> list[str]:

@@ -35,7 +35,7 @@ class NuclideWatch:
         self._unknown_kev: tuple[int, ...] = ()
 
     def add(self, energies_kev: Sequence[float] | Array) -> None:
-        """Add the energies (keV) of events to the spectrum; the present energy scale has been applied to them."""
+        """Add the energies (keV) of events, corrected by the present energy scale, to the camera's spectrum."""
         self._recogniser.add(energies_kev)
         self._scale.add(energies_kev)
 

@@ -62,10 +62,12 @@ class Orders(Struct, frozen=True, eq=False):
         return Orders(table[:, :3], table[:, 3], table[:, 4:5] * _WIDTHS_SQUARED, table[:, 5:] * _DENSITIES)
 
     def density(self, delta_rad: Array, variance: Array) -> tuple[Array, Array]:
-        """Return the terms L_kj of the cone's density rho (formula above), and the precisions 1 / V_kj, (..., K, 2) each.
+        """Return the terms L_kj of a cone's density rho = sum L_kj in the source's direction, and the precisions 1 / V_kj, (...,
+        K, 2) each.
 
-        V_kj = variance_k + (c_j sigma_k)^2. delta_rad: (..., K) angular error of each of the K readings. variance: (..., K)
-        variance of this error, rad2, by the uncertainty of source and camera.
+        L_kj = 2 (1 - eps) p_k f_j N(delta_k; 0, V_kj) / sin(theta_k), V_kj = variance_k + (c_j sigma_k)^2, for the K readings k
+        of the cone and the narrow and wide part j of the angular error. delta_rad: (..., K) angular error of each reading.
+        variance: (..., K) variance of this error, rad2, by the uncertainty of source and camera.
         """
         precision = 1.0 / (variance[..., None] + self.variance)
         exponent = (-0.5 * delta_rad * delta_rad)[..., None] * precision

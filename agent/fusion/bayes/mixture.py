@@ -95,8 +95,9 @@ class Mixture(Struct, frozen=True, eq=False):
         return Mixture(time_s, time_s, weight / weight.sum(), mean, covariance, bias_variance, levels)
 
     def later(self, motion: Motion, time_s: float) -> Mixture:
-        """Predict the track (posterior of a found source) to a later time (IMM: mixing of the modes, then each mode's own
-        prediction); an earlier time changes nothing.
+        """Predict the track (posterior of a found source) to a later time; an earlier time changes nothing.
+
+        Interacting multiple models (IMM): mixing of the motion modes, then each mode's own prediction.
         """
         dt_ms = round(1e3 * (time_s - self.time_s))
         if dt_ms <= 0:

@@ -42,8 +42,8 @@ _MEAN_EDGE = 0.154  # mean of exp(-f / 0.2) over all headings, the source 5 to 4
 def edge_factor(facing: Array) -> Array:
     """Return how much the orientation of the sensor changes the direct counts, relative to the mean over all headings.
 
-    The result is multiplied with the channel's coefficient ``edge``. facing: f of any shape, cosine of the angle between the
-    sensor's normal and the direction to the source.
+    The result, mean - exp(-f / 0.2), is multiplied with the channel's coefficient ``edge``. facing: f of any shape, cosine of the
+    angle between the sensor's normal and the direction to the source.
     """
     result: Array = _MEAN_EDGE - np.exp(facing * (-1.0 / _EDGE_FACING))
     return result
@@ -53,9 +53,10 @@ def edge_factor(facing: Array) -> Array:
 class Channel:
     """Constants of one kind of event that a camera counts, from which its expected rate beside a source follows.
 
-    area_mm2: effective area F, mean over the heading. direct, scattered, edge: coefficients of the source's rate S (formula
-    above) for direct photons, photons scattered by air, and the sensor's orientation. background_ps: background rate B, per
-    second.
+    The rate is S + B with S = phi(D) F (direct + scattered mu D + edge ``edge_factor``(f)): phi(D) the flux of unscattered
+    photons at the distance D, mu the attenuation by air, f the sensor's orientation. area_mm2: effective area F, mean over the
+    heading. direct, scattered, edge: coefficients for direct photons, photons scattered by air, and the orientation.
+    background_ps: background rate B, per second.
     """
 
     area_mm2: float

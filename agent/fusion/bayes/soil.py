@@ -33,9 +33,10 @@ class SoilChannel:
     """Constants of one kind of event (channel of the camera's counts) for photons scattered by soil and air, and for natural
     background.
 
-    near_mm2: effective area for photons scattered by soil at a flat view; steep_mm2: its increase with the sine of the view's
-    depression; air_mm2: effective area for photons scattered by air. turn: relative change of the soil's part with the
-    orientation of the sensor (formula above). background_ps: background per second over soil.
+    Soil scatters as if the photons came from an image of the source below the ground; the effective area is (near + steep s) (1 +
+    turn (f - mean)), with s the sine of the image's depression below the horizon, and f the cosine of the sensor's orientation to
+    the image. near_mm2, steep_mm2, turn: these constants. air_mm2: effective area for photons scattered by air. background_ps:
+    background per second over soil.
     """
 
     near_mm2: float

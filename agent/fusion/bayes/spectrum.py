@@ -21,13 +21,13 @@ from radron.agent.geometry import Array
 
 
 class Contrast(Struct, frozen=True, eq=False):
-    """The information on the soil's scatter factor, at each Gaussian of a track (posterior of a found source), from the division
-    of counts into two kinds of events.
+    """The information on the soil's scatter factor, at each Gaussian of a track (posterior of a found source), from two kinds of
+    events.
 
-    Partial-energy events contain most photons scattered by soil, full-energy events hardly any (formulas above). For a clear
-    view:
-    score: (S, M) u and information: (S, M) I for S sites and M motion modes; gradient: (S, M, d) h_d, derivatives of the contrast
-    by the d state variables.
+    Partial-energy events contain most photons scattered by soil, full-energy events hardly any; the contrast is the logarithm of
+    the counts from soil's scatter over all other counts from the source. For a clear view: score: (S, M) u, derivative of the log
+    likelihood by the contrast, and information: (S, M) I, its variance, for S sites (places) and M motion modes; gradient: (S, M,
+    d) h_d, derivatives of the contrast by the d state variables.
     """
 
     score: Array
