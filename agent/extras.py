@@ -15,12 +15,16 @@ _EXTRAS = {library: extra for extra, libraries in LIBRARIES.items() for library 
 
 
 def remedy(module: str) -> str | None:
-    """Return the line that names a missing module and the command that installs its library; None: no optional library."""
+    """Return a line of text that names a missing Python library and the command that installs it; None if the library is not
+    optional.
+
+    module: import name of the missing module.
+    """
     library = module.partition(".")[0]
     extra = _EXTRAS.get(library)
     return extra and f"{library} is not installed: pip install 'radron[{extra}]'"
 
 
 def lacking(*libraries: str) -> str | None:
-    """Return the remedy for the first of these libraries that is not installed; None: all are."""
+    """Return a line of text on how to install the first of these Python libraries that is missing; None if all are installed."""
     return next((remedy(library) for library in libraries if find_spec(library) is None), None)

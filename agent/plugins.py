@@ -15,10 +15,12 @@ Kind = Literal["estimator", "detector"]
 
 
 def entry_point(kind: Kind, name: str, where: str, own: Collection[str]) -> EntryPoint:
-    """Return the entry point of that name; nothing is imported. ``own``: names of this package's parts.
+    """Return the installed package's registration (entry point) of an estimator or detector driver by name; nothing is imported.
+
+    own: names of the estimators or drivers that radron itself has, for the error.
 
     Raises:
-        ConfigError: no such part is installed; the text names ``where``.
+        ConfigError: no such part is installed; ``where`` begins the text.
     """
     found = {point.name: point for point in entry_points(group=f"radron.{kind}s")}
     if name not in found:
@@ -28,7 +30,9 @@ def entry_point(kind: Kind, name: str, where: str, own: Collection[str]) -> Entr
 
 
 def made(kind: Kind, point: EntryPoint, config: object, members: Collection[str]) -> Any:
-    """Make the part from its configuration.
+    """Import an estimator or detector driver of another package, make it from its configuration, and check its interface.
+
+    config: passed to the part. members: names of the attributes that it must have.
 
     Raises:
         ConfigError: it cannot be imported or made, or lacks a member of the interface.

@@ -35,7 +35,7 @@ class BuildingConfig(Section, frozen=True, kw_only=True):
     attenuation_per_m: NonNegative | None = None
 
     def check(self, where: str) -> None:
-        """Raise ConfigError, which begins with ``where``, if the building's outline is not a simple polygon."""
+        """Raise ConfigError, whose text begins with ``where``, if the building's outline is not a simple polygon."""
         outline = Polygon(self.footprint_m)
         if not outline.is_valid or outline.area <= 0.0:
             raise ConfigError(f"{where}: footprint_m: {explain_validity(outline)}; give the corners of a simple polygon in order")

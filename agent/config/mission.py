@@ -242,7 +242,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
             msgspec.structs.force_setattr(self, "nuclide", AUTO if self.fusion.estimator == "sources" else "Cs-137")
 
     def named(self, where: str = "mission") -> str:
-        """Return the name of the source's nuclide. Raise ConfigError, which begins with ``where``, if the mission has several
+        """Return the name of the source's nuclide. Raise ConfigError, whose text begins with ``where``, if there are several
         candidates.
         """
         if self.one_nuclide is None:

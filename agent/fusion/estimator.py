@@ -160,10 +160,12 @@ class Estimator(Protocol, Generic[S]):
     hold_s: float  # lag behind now, so that most entries arrive before their step is computed
 
     def initial(self, start_ns: int | None) -> S:
-        """Return the state before the first observation. ``start_ns``: the mission's start, None if it is not known."""
+        """Return the estimator's state before the first observation. ``start_ns``: the mission's start, None if it is
+        not known.
+        """
 
     def step(self, state: S, step: GridStep, observations: Sequence[Observation]) -> S:
-        """Return the state after a step of the time grid, with the observations of this step in the order of their entries'
+        """Return the estimator's state after a step of the time grid, with the step's observations in the order of their entries'
         identities.
 
         Called in ascending order, only for steps with observations. The estimator itself accounts for the empty steps between
@@ -171,16 +173,18 @@ class Estimator(Protocol, Generic[S]):
         """
 
     def work(self, state: S, observations: int) -> int:
-        """Return the cost of a step from this state with so many observations, in units of about 25 microseconds."""
+        """Return the cost of a step from this state of the estimator with so many observations, in units of about 25
+        microseconds.
+        """
 
     def hypothesis(self, state: S, step: GridStep) -> Hypothesis | None:
-        """Return the source estimate of the state, predicted to ``step``, the interval that contains the present time; None
-        without one.
+        """Return the source estimate of an estimator's state, predicted to ``step``, the interval that contains the present time.
 
-        ``step``: not before the last observation's step; shifted by ``hold_s`` against the grid.
+        Return None without an estimate. ``step``: not before the last observation's step; shifted by ``hold_s`` against the grid.
         """
 
     def outlook(self, state: S, step: GridStep) -> Outlook | None:
-        """Return the posterior of a search; None if the state has a source estimate (but see ``Outlook``), or the estimator does
-        not search.
+        """Return the posterior of a search for a source, from the estimator's state.
+
+        Return None if the state has a source estimate (but see ``Outlook``), or the estimator does not search.
         """

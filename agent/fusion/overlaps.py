@@ -39,7 +39,7 @@ class Overlaps:
         return exposed.remove(identity) if exposed is not None else []
 
     def __contains__(self, identity: EntryId) -> bool:
-        """Return whether an exposure overlaps another one."""
+        """Return whether an exposure (counts of a camera) overlaps another one of its drone."""
         exposed = self._drones.get(identity.drone)
         return exposed is not None and identity in exposed.overlapping
 

@@ -38,14 +38,14 @@ class Contrast(Struct, frozen=True, eq=False):
     def of(
         counts: Array, expected: Array, background: Array, by_soil: Array, gradient: Array, covariance: Array
     ) -> tuple[Contrast, Array]:
-        """Return the contrast, and its contribution (C, S, M) to the log likelihood of each of C components (ways of
-        attenuation).
+        """Return the contrast (division of counts into two kinds of events), and its contribution (C, S, M) to the log
+        likelihood.
 
-            u^2 V / (2 (1 + V I)) - ln(1 + V I) / 2,   V = h_d' P h_d.
+            u^2 V / (2 (1 + V I)) - ln(1 + V I) / 2,   V = h_d' P h_d,
 
-        counts: (2,) measured. expected, by_soil: (C, S, M, 2) counts expected from the source, and of these by soil's scatter.
-        background:
-        (2,) expected. gradient: (S, M, d) h_d. covariance: (S, M, d, d) P of the track (posterior of a found source).
+        for each of C components (ways of attenuation by unknown obstacles), S sites (places) and M motion modes. counts: (2,)
+        measured. expected, by_soil: (C, S, M, 2) counts expected from the source, and of these by soil's scatter. background:
+        (2,) expected. gradient: (S, M, d) h_d. covariance: (S, M, d, d) P of the track.
         """
         total = expected + background
         weight, share = expected * expected / total, by_soil / expected
