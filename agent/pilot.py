@@ -1,6 +1,8 @@
 """The pilot program of one drone: messages, telemetry and readouts go in; messages and a vehicle command come out.
 
-The same pilot flies in lockstep, live and in a replay: once made, it does no I/O, reads no clock and draws no random numbers.
+All times that the pilot is given are own time (``owntime``), and so are the stamps of telemetry, readouts, fixes and sightings.
+Messages have stamps in UTC. The same pilot flies in lockstep, live and in a replay: once made, it does no I/O, reads no clock
+and draws no random numbers.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from radron.agent.computing import ALONE, Computing
 from radron.agent.config.drone import DroneConfig
@@ -104,21 +107,23 @@ class Pilot:
         self._world = WorldModel(mission, listeners, estimators, frame_estimates, judges_exposures=judges_exposures)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
+        self._utc = utc = self._clocks.utc
+        memory = memory.in_utc() if memory is not None else None
         graph, speed_mps = self.frames.graph, mission.limits.speed_mps
         self._told = Stage.PREFLIGHT, False  # stage, and whether the search has ended
         self._own = OwnPose(member, graph, self._clocks, self.counters, speed_mps, Drift(mission), epoch_offset)
-        history, self._numbers = self._own.history, Numbering()
-        self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried)
-        self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, self._numbers, self.counters)
+        history, self._numbers = self._own.history, Numbering(utc)
+        self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried, utc)
+        self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, self._numbers, self.counters, utc)
         self._camera, self._peers = Camera(mission, drone.calibration, self._observer, self.counters), Peers(others)
-        self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory)
+        self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory, self._clocks)
         self._problems = Problems(drone.id, self._mission_id, mission.safety.battery_reserve)
         verifier = Verifier(trust.authority, trust.revoked, computing.signed_root) if trust is not None else None
-        self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier, tells_obeyed)
+        self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier, utc, tells_obeyed)
         parts = self._executive, self._problems, self._own, self._peers, self.counters
-        self._commanding = Commanding(self._mission_id, self._orders, *parts)
+        self._commanding = Commanding(self._mission_id, self._orders, *parts, utc)
         affected = self._world, self._executive, self._peers, self._problems, self.counters
-        self._revoking = Revoking((drone.id, boot), trust, verifier, *affected)
+        self._revoking = Revoking((drone.id, boot), trust, verifier, *affected, utc)
         self._proofs = Proofs(ids, (drone.id, self._mission_id, boot), trust, verifier, self._revoking.leaves_out)
         self._exchange = LogExchange(mission.swarm, drone.id, self.fusion.log, self.counters)
         self._outbox = Outbox(mission.swarm, self.counters)
@@ -128,6 +133,14 @@ class Pilot:
         self._telling = Telling(
             mission, drone.id, boot, self._outbox, self.counters, self._orders, self._commanding, self._revoking, *seen
         )
+
+    def observe_clock(self, ahead_ns: int, now_ns: int) -> None:
+        """Take the lead of UTC, by the clock of this drone's computer, over own time: 0 at first, and another after each step of
+        that clock. The peers are told at once: the next status has a stamp by the new time.
+        """
+        if ahead_ns != self._utc.ahead_ns:
+            self._numbers.clock_step(self._clocks.set_own(ahead_ns, now_ns), now_ns)
+            self._telling.hurry(now_ns)
 
     def observe_vehicle(self, state: VehicleState) -> None:
         """Take the newest telemetry of the autopilot. Telemetry that is not newer, not finite or out of range is counted and
@@ -146,7 +159,7 @@ class Pilot:
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:
         """Take a position by satellites. Return the resulting log entry as key and payload, to be published at once."""
         if (entry := self._sensors.fix(fix)) is not None:
-            self._record([entry], entry.stamp_ns)
+            self._record([entry], fix.stamp_ns)
         return self._outbox.take()
 
     def observe_sightings(self, seen: Sequence[SeenDrone]) -> list[tuple[str, bytes]]:
@@ -155,15 +168,15 @@ class Pilot:
         """
         entries = [entry for sighting in seen if (entry := self._sensors.sighting(sighting)) is not None]
         logged = [entry for entry in entries if entry.sequence != NOT_LOGGED]
-        self._record(logged, max((entry.stamp_ns for entry in logged), default=0))
+        self._record(logged, max((self._utc.own_ns(entry.stamp_ns) for entry in logged), default=0))
         for entry in entries:
-            self._peers.see(entry)
+            self._peers.see(replace(entry, stamp_ns=self._utc.own_ns(entry.stamp_ns)))
         return self._outbox.take()
 
     def _record(self, entries: Sequence[Entry], now_ns: int) -> None:
         """Sign entries of this drone, publish them, and log them, from the same bytes that the peers get."""
         sendable = [read for entry in entries if (read := self._outbox.sendable(entry)) is not None]
-        for entry in self._proofs.signed(sendable, now_ns):
+        for entry in self._proofs.signed(sendable, self._utc.of(now_ns)):
             if (payload := self._outbox.put(entry)) is not None:
                 self._fold(entry, payload, now_ns)
 
@@ -232,8 +245,8 @@ class Pilot:
         calls.
         """
         self._news.step(now_ns)
-        self._numbers.keep_time(now_ns)
-        self._world.advance(self._clocks.followed_ns(now_ns))
+        self._numbers.note(now_ns)
+        self._world.advance(now_ns, self._clocks.followed_ns(now_ns))
 
     def step(self, now_ns: int) -> Step:
         """Advance the mission by one step: process the log, choose the stage, plan the flight, and report. Call it at 20 Hz or
@@ -247,7 +260,7 @@ class Pilot:
         if self._told != before:
             self._telling.hurry(now_ns)
         if act.plan is not None:
-            self._outbox.put(act.plan)
+            self._outbox.put(self._utc.stamped(act.plan))
         entries: list[Entry] = [self._observer.coverage(*act.searched, self._executive.swath_m)] if act.searched else []
         if self._own.tells_frame:
             entries += self._observer.unseen(now_ns)
@@ -341,7 +354,7 @@ class Pilot:
         """Return the posteriors of all estimators that have one, by name: of the flight's estimator, and of the further ones
         (listeners).
         """
-        return self._world.posteriors(now_ns)
+        return self._world.posteriors(self._utc.of(now_ns))
 
     @property
     def pending(self) -> bool:

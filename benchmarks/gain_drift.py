@@ -59,7 +59,7 @@ class DriftingPilot(Pilot):
 
     def __init__(self, mission: MissionConfig, drone: DroneConfig, boot: str, *args: Any, **options: Any) -> None:
         super().__init__(mission, drone, boot, *args, **options)
-        observer = Observer(drone, mission, boot, self._own.history, itertools.count(1 << 30), self._own.carried)
+        observer = Observer(drone, mission, boot, self._own.history, itertools.count(1 << 30), self._own.carried, self._utc)
         self.second = Camera(mission, drone.calibration, observer, Counter())
         self.entries, self.told_s = list[Entry](), float("nan")
 

@@ -54,9 +54,9 @@ class PixelHits(Struct, frozen=True):
 
 
 class Readout(Struct, frozen=True):
-    """All hits that a detector measured in the interval [start_ns, end_ns), UTC. The intervals of one detector are contiguous.
+    """All hits that a detector measured in the interval [start_ns, end_ns), own time. The intervals of a detector are contiguous.
 
-    ``clock_ns`` is the UTC time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts hits that the detector
+    ``clock_ns`` is the time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts hits that the detector
     reported as lost (overflow), ``repaired_hits`` hits that its reader moved to the neighbouring period of the chip's counter.
     """
 

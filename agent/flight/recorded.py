@@ -39,6 +39,7 @@ class RecordedPilot:
         self._told: Hypothesis | None = None
         self._told_value = topics.encode_hypothesis(None, "")
         self._second = self._refusals = 0  # of commands, in that second
+        self._ahead_ns = 0
 
     @property
     def stage(self) -> Stage:
@@ -94,6 +95,13 @@ class RecordedPilot:
     def counters(self) -> Counter[str]:
         """Counters of events in the pilot program, such as dropped messages, by name."""
         return self._pilot.counters
+
+    def observe_clock(self, ahead_ns: int, now_ns: int) -> None:
+        """See ``Pilot``. Only a change is recorded."""
+        if ahead_ns != self._ahead_ns:
+            self._ahead_ns = ahead_ns
+            self._sink.write(topics.CLOCK, msgspec.json.encode(ahead_ns), now_ns)
+            self._run(self._pilot.observe_clock, ahead_ns, now_ns)
 
     def observe_vehicle(self, state: VehicleState) -> None:
         """Record telemetry of the autopilot, and pass it to the pilot program, see ``Pilot.observe_vehicle``."""

@@ -234,6 +234,9 @@ def _action(pilot: RecordedPilot, answer: Answer, call: FlightRecord) -> Callabl
             question = msgspec.json.decode(data, type=int)
             told = answer(question)
             return lambda: pilot.answered(question, told)
+        case topics.CLOCK:
+            ahead_ns = msgspec.json.decode(data, type=int)
+            return lambda: pilot.observe_clock(ahead_ns, now_ns)
         case topics.DECLINE:
             reason = msgspec.json.decode(data, type=str)
             return lambda: pilot.decline(reason)

@@ -1,8 +1,8 @@
 """The topics of a flight's records, and their contents.
 
 ``in/`` and ``call/`` are the pilot's inputs, in the order of the calls; the results of each call follow under ``out/``.
-``log_time`` is the pilot's time where a call has one, else wall time; ``publish_time`` is the wall time of the record: of a call
-when it was made, of a result when it was there. ``sequence`` counts the records of a flight, so that a lost one is noticed.
+``log_time`` is the pilot's own time where a call has one, else wall time; ``publish_time`` is the wall time of the record: of a
+call when it was made, of a result when it was there. ``sequence`` counts the records of a flight, so that a lost one is noticed.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ WARN = "in/warn"  # JSON: list of texts
 BLOCK = "in/block"
 NOTICE = "in/notice"
 ANSWERED = "in/answered"  # JSON: number of a question of the estimator, at the time of its answer: agent/fusion/deferred.py
+CLOCK = "in/clock"  # JSON: lead of UTC over the pilot's own time, ns, from then on; 0 before the first
 DECLINE = "in/decline"  # JSON: why an uploaded mission is not taken over
 OUT = "out/"  # prefix of the topics of results
 ADVANCE = "call/advance"  # JSON: {}

@@ -14,8 +14,8 @@ different times, and half their difference is wrong by half of the change. But t
 one of the clocks has been set. While possible, it holds for some seconds, until the delays of both ways belong to the same time
 again.
 
-A step of the own clock does not move the others' clocks. So all known offsets move along, with or without a link then. Until the
-others have received a status with a new stamp, they still report a delay by the former clock. This delay moves along too.
+All times here are own time (``owntime``), which a step of the own clock does not move: known offsets of the others' clocks from
+it stay. Only until the others have received a status with a new stamp, they report a delay by the former clock.
 
 A backward step of most clocks is one of the common time as well. A clock that was right before, and was not set back, has stamped
 measurements at those times, made elsewhere. Until the common time has reached them again, all new measurements are wrong by the
@@ -34,7 +34,7 @@ from typing import TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from radron.agent.lasting import begun
+from radron.agent.owntime import Utc
 from radron.protocol.messages import Plan, Pose, Status
 
 N = TypeVar("N", bound=Pose | Plan | Status)
@@ -54,24 +54,24 @@ _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 
 class _Held(Struct, frozen=True):
-    """The lead of the own clock over another one, and since when (own clock) the delays have stated another value."""
+    """The lead of own time over another clock, and since when the delays have stated another value."""
 
     ahead_ns: int
     doubted_ns: int | None = None
 
 
 class Clocks:
-    """The other drones' clocks as known to one drone."""
+    """The other drones' clocks as known to one drone. ``utc``: its own clock."""
 
     def __init__(self, drone: str, others: Iterable[str]) -> None:
-        self._drone = drone
+        self._drone, self.utc = drone, Utc()
         self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival, delay
         self._returned: dict[str, tuple[int, int]] = {}  # arrival, and this drone's delay as each of them reports it
         self._held: dict[str, _Held] = {}
         self._ahead_ns: dict[str, int] = {}  # their lead over the own clock, as last known and beyond the limit
-        self._known: dict[str, float] = {}  # lead of the own clock over theirs (s), by their last statuses
-        self._set_ns = 0
+        self._known: dict[str, int] = {}  # lead of own time over their clocks, by their last statuses
         self._since_ns: dict[str, int] = {}  # step of the own clock, by drone that may report a delay by the former clock
+        self._stepped_ns = 0  # time of the last such step
         self._outvoted_s = 0.0  # of the own clock from the common time; 0 unless known to be wrong
         self._agreed_ns: dict[str, int] = {}  # the common time at which each clock was last right by it
         self._back_s = 0.0  # backward step of that, while a clock that was right by it stamps measurements made elsewhere
@@ -81,8 +81,7 @@ class Clocks:
         self.offset_s = 0.0
 
     def hear(self, status: Status, now_ns: int) -> bool:
-        """Take a status that arrived at ``now_ns``, own clock. Duplicates and late statuses do no harm: the smallest delay
-        counts.
+        """Take a status that arrived at ``now_ns``. Duplicates and late statuses do no harm: the smallest delay counts.
 
         Returns whether the status shows a step of one of the clocks: then the other drone waits for the new delay.
         """
@@ -90,58 +89,63 @@ class Clocks:
         heard = self._heard.get(name)
         if heard is None or abs(delay_ns) > _MOST_DELAY_NS:
             return False
-        if heard and now_ns < heard[-1][0]:  # the own clock was set back: earlier measurements are void
-            heard.clear()
         while heard and heard[-1][1] >= delay_ns:  # never the smallest again
             heard.pop()
         heard.append((now_ns, delay_ns))
         set_anew = False
         if self._drone in status.delays_ns:
-            returned_ns = self._by_own_clock(name, status.delays_ns[self._drone], delay_ns)
+            returned_ns = self._by_own_time(name, status.delays_ns[self._drone], delay_ns, now_ns)
             self._returned[name] = now_ns, returned_ns
             set_anew = heard[0][1] + returned_ns < _LEAST_TRIP_NS <= delay_ns + returned_ns
             if set_anew:
                 heard.clear()
                 heard.append((now_ns, delay_ns))
         self._hold(now_ns)
-        self._vote(self.offsets_s(now_ns))
+        self._known = self._leads_ns(now_ns)
+        self._vote()
         self._watch_common(now_ns)
         return set_anew
 
-    def _by_own_clock(self, name: str, returned_ns: int, delay_ns: int) -> int:
-        """Return this drone's delay as another one reports it, converted to the present own clock.
+    def _by_own_time(self, name: str, told_ns: int, delay_ns: int, now_ns: int) -> int:
+        """Return this drone's delay as another one reports it, converted to own time.
 
-        The report may be by the former clock: of both readings the possible round trip counts, and the shorter.
+        The report may be by the former clock, as long as delays are kept: of both readings the possible round trip counts, and
+        the one nearer to the known lead, or the shorter: no own step changes the lead of own time.
         """
+        held = self._held.get(name)
+        if now_ns - self._stepped_ns > WINDOW_NS + MOST_LATENCY_NS:
+            self._since_ns.clear()
+        returned_ns = told_ns + self.utc.ahead_ns
         by_former_ns = returned_ns - self._since_ns.get(name, 0)
         possible = [one_ns for one_ns in (returned_ns, by_former_ns) if one_ns + delay_ns >= _LEAST_TRIP_NS]
-        found_ns = min(possible, default=returned_ns)
+        found_ns = min(
+            possible,
+            key=lambda one_ns: one_ns if held is None else abs(delay_ns - one_ns - 2 * held.ahead_ns),
+            default=returned_ns,
+        )
         if found_ns == returned_ns:
             self._since_ns.pop(name, None)
         return found_ns
 
-    def keep_time(self, set_ns: int) -> None:
-        """Move all that is known along with the own clock, which was set by ``set_ns`` in sum (``Peers``)."""
-        by_ns, self._set_ns = set_ns - self._set_ns, set_ns
-        if by_ns == 0:
-            return
-        for name, heard in self._heard.items():
-            self._heard[name] = deque((at_ns + by_ns, delay_ns + by_ns) for at_ns, delay_ns in heard)
-        self._returned = {name: (at_ns + by_ns, delay_ns - by_ns) for name, (at_ns, delay_ns) in self._returned.items()}
-        self._since_ns = {name: self._since_ns.get(name, 0) + by_ns for name in self._heard}
-        self._held = {name: _Held(held.ahead_ns + by_ns) for name, held in self._held.items()}
-        before_s, known = self._outvoted_s, {name: offset_s + by_ns * 1e-9 for name, offset_s in self._known.items()}
-        self._vote(known)
+    def set_own(self, ahead_ns: int, now_ns: int) -> int:
+        """Take the lead of the own clock over own time, and return the step since the last one."""
+        by_ns, self.utc.ahead_ns = ahead_ns - self.utc.ahead_ns, ahead_ns
+        if abs(by_ns) > 1e9 * LIMIT_S:  # less is drift
+            self._since_ns = {name: self._since_ns.get(name, 0) + by_ns for name in self._heard}
+            self._stepped_ns = now_ns
+        before_s = self._outvoted_s
+        self._vote()
         step_s = by_ns * 1e-9 - (self._outvoted_s - before_s)  # of the common time
-        if known and step_s < -1e-9 * _SET_BACK_NS:
+        if self._known and step_s < -1e-9 * _SET_BACK_NS:
             self._back_s = max(self._back_s, -step_s)
+        return by_ns
 
-    def _vote(self, known: dict[str, float]) -> None:
-        self._known = known
+    def _vote(self) -> None:
+        known = self._by_utc_s(self._known)
         self._ahead_ns = {name: round(-1e9 * offset_s) for name, offset_s in known.items() if abs(offset_s) > LIMIT_S}
         offsets_s = (0.0, *known.values())
         self.offset_s = max(median_low(offsets_s), median_high(offsets_s), key=abs)
-        set_s = self._set_ns * 1e-9  # a single other clock counts only if this explains the difference
+        set_s = self.utc.ahead_ns * 1e-9  # a single other clock counts only if this explains the difference
         if len(known) == 1:
             outvoted_s = self.offset_s if abs(self.offset_s - set_s) <= LIMIT_S else 0.0
         else:  # the half that is behind, on both sides: else the halves would swap their times
@@ -151,7 +155,7 @@ class Clocks:
     def _watch_common(self, now_ns: int) -> None:
         """Note a backward step of the common time, as far as known."""
         common_ns = self.common_ns(now_ns)
-        offsets_s = {self._drone: 0.0, **self._known}
+        offsets_s = {self._drone: 0.0, **self._by_utc_s(self._known)}
         right = {name for name, offset_s in offsets_s.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
         if len(right) > 1:  # alone, as in the first second after a step, the own clock is no evidence of the common time
             self._agreed_ns |= dict.fromkeys(right, common_ns)
@@ -162,14 +166,25 @@ class Clocks:
             self._back_s = max(self._back_s, 1e-9 * back_ns)
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
-        """The smallest delay of each drone with a link, as published by this drone."""
+        """The smallest delay of each drone with a link, by the own clock, as published by this drone."""
         delays = self._delays_ns(now_ns)
-        return {name: delay_ns for name, delay_ns in delays.items() if now_ns - self._heard[name][-1][0] < HEARD_NS}
+        return {
+            name: delay_ns + self.utc.ahead_ns
+            for name, delay_ns in delays.items()
+            if now_ns - self._heard[name][-1][0] < HEARD_NS
+        }
 
     def offsets_s(self, now_ns: int) -> dict[str, float]:
         """The lead of the own clock over each drone's, if both delays are known, and can belong together."""
-        both = self._both_ns(now_ns)
-        return {name: 1e-9 * self._held[name].ahead_ns for name in both if name in self._held}
+        return self._by_utc_s(self._leads_ns(now_ns))
+
+    def _leads_ns(self, now_ns: int) -> dict[str, int]:
+        """The lead of own time over each drone's clock, if known."""
+        return {name: self._held[name].ahead_ns for name in self._both_ns(now_ns) if name in self._held}
+
+    def _by_utc_s(self, leads_ns: dict[str, int]) -> dict[str, float]:
+        """Convert leads of own time over other clocks to leads of the own clock."""
+        return {name: 1e-9 * (lead_ns + self.utc.ahead_ns) for name, lead_ns in leads_ns.items()}
 
     def _hold(self, now_ns: int) -> None:
         """Note the offsets by the delays, or hold the former ones."""
@@ -178,7 +193,7 @@ class Clocks:
 
     def _both_ns(self, now_ns: int) -> dict[str, tuple[int, int]]:
         """The own smallest delay of each drone, and that which it reports, where both are known, and can belong together."""
-        returned = {name: delay_ns for name, (at_ns, delay_ns) in self._returned.items() if abs(now_ns - at_ns) <= WINDOW_NS}
+        returned = {name: delay_ns for name, (at_ns, delay_ns) in self._returned.items() if now_ns - at_ns <= WINDOW_NS}
         both = {name: (delay_ns, returned[name]) for name, delay_ns in self._delays_ns(now_ns).items() if name in returned}
         return {name: delays for name, delays in both.items() if _LEAST_TRIP_NS <= sum(delays) <= 2 * MOST_LATENCY_NS}
 
@@ -186,19 +201,19 @@ class Clocks:
         """The smallest delay of each drone with messages in the last seconds."""
         found = {}
         for name, heard in self._heard.items():
-            while heard and abs(now_ns - heard[0][0]) > WINDOW_NS:
+            while heard and now_ns - heard[0][0] > WINDOW_NS:
                 heard.popleft()
             if heard:
                 found[name] = heard[0][1]
         return found
 
     def own_stamp_ns(self, drone: str, stamp_ns: int) -> int:
-        """Convert a stamp of another drone to the own clock, by the known offset."""
-        return max(0, stamp_ns - self._ahead_ns.get(drone, 0))
+        """Convert a stamp of another drone to own time, by the known offset."""
+        return max(0, self.utc.own_ns(stamp_ns) - self._ahead_ns.get(drone, 0))
 
-    def by_own_clock(self, message: N) -> N:
-        """Return another drone's message with its stamp by the own clock (``own_stamp_ns``). With a known offset a pose is as
-        certain as that drone's localisation, whichever of the two clocks is wrong.
+    def in_own_time(self, message: N) -> N:
+        """Return another drone's message with its stamp in own time (``own_stamp_ns``). With a known offset a pose is as certain
+        as that drone's localisation, whichever of the two clocks is wrong.
         """
         stamp_ns = self.own_stamp_ns(message.drone, message.stamp_ns)
         if isinstance(message, Pose) and (message.clock_sigma_m > 0.0 or self.is_doubted):
@@ -206,7 +221,7 @@ class Clocks:
         return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
 
     def _sigma_m_of(self, pose: Pose) -> float:
-        """1 sigma of another drone's position at its stamp by the own clock. With an unknown or doubtful offset either clock may
+        """1 sigma of another drone's position at its stamp in own time. With an unknown or doubtful offset either clock may
         be wrong.
         """
         held = self._held.get(pose.drone)
@@ -215,12 +230,16 @@ class Clocks:
         return hypot(pose.position_sigma_m, self.sigma_m(hypot(*pose.velocity_mps)))
 
     def common_ns(self, now_ns: int) -> int:
-        """Return the time now by the clocks of the others, if the own clock is known to be wrong; else by the own clock.
+        """Return the UTC now by the clocks of the others, if the own clock is known to be wrong; else by the own clock.
 
         If the clocks split into halves, all drones take the time of the half that is behind. So hypotheses stay comparable, and
         no entry is late by the offset.
         """
-        return now_ns - round(1e9 * self._outvoted_s)
+        return self.utc.of(now_ns) - round(1e9 * self._outvoted_s)
+
+    def own_ns_of_common(self, common_ns: int) -> int:
+        """Return the own time of a stamp of the hypothesis, which is common time."""
+        return common_ns - self.common_ns(0)
 
     def followed_ns(self, now_ns: int) -> int:
         """Return the common time as the hypothesis follows it. It stands still after a backward step to stamps with measurements
@@ -263,5 +282,5 @@ def _held(before: _Held | None, own_ns: int, returned_ns: int, now_ns: int) -> _
     slack_ns = -_LEAST_TRIP_NS // 2
     if not -returned_ns - slack_ns <= before.ahead_ns <= own_ns + slack_ns:
         return told
-    since_ns = begun(before.doubted_ns, now_ns)
+    since_ns = now_ns if before.doubted_ns is None else before.doubted_ns
     return told if now_ns - since_ns >= _HELD_NS else replace(before, doubted_ns=since_ns)

@@ -88,7 +88,9 @@ class OwnFrames:
             self.known.otherwise = None if kept.otherwise is None else kept.otherwise.mission_from_local
 
     def at(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
-        """The frame of an epoch; ``stamp_ns``: as it was then, None: now. None while it is not known."""
+        """The frame of an epoch; ``stamp_ns``: as it was at that stamp of the log (UTC), None: now. None while it is not
+        known.
+        """
         known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
         if known is not None:
             return known

@@ -82,7 +82,7 @@ class OwnPose:
             epoch_offset: epochs that the agent before a restart had added to the vehicle's.
         """
         self._drone = member.id
-        self._clocks, self._counters = clocks, counters
+        self._clocks, self._counters, self.utc = clocks, counters, clocks.utc
         self.history = PoseHistory()
         self._frames = OwnFrames(member, frames, drift)
         self.is_unplaced = self._frames.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
@@ -248,15 +248,17 @@ class OwnPose:
         return self._frames.carried(epoch)
 
     def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
-        """Return a place of the local frame where this drone was at a stamp, in the mission frame, by the best knowledge; None if
-        not known.
+        """Return a place of the local frame where this drone was at a stamp of the log (UTC), in the mission frame, by the best
+        knowledge; None if not known.
         """
         known = self.surest(epoch, stamp_ns, position_m)
         transform = self._frames.at(epoch, stamp_ns) if known is None else None
         return known[0] if known is not None else transform.apply_point(position_m) if transform is not None else None
 
     def surest(self, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Vector3, float] | None:
-        """Return the position in the mission frame and its 1 sigma (m) by the log alone; None until the log yields it."""
+        """Return the position at a stamp of the log (UTC) in the mission frame, and its 1 sigma (m), by the log alone; None until
+        the log yields it.
+        """
         known = self._frames.surest(epoch, stamp_ns, position_m)
         return (known[0].apply_point(position_m), known[1]) if known is not None else None
 
@@ -265,7 +267,7 @@ class OwnPose:
         span_ns, state = self.history.span_ns, self.history.at(stamp_ns)
         if state is None or span_ns is None or stamp_ns < span_ns[0]:
             return None
-        frame = self._frames.at(state.epoch, state.stamp_ns)
+        frame = self._frames.at(state.epoch, self.utc.of(state.stamp_ns))
         if frame is None:
             return None
         return PeerState(frame.apply_point(state.position_m), frame.rotate_direction(state.velocity_mps))

@@ -13,6 +13,7 @@ from radron.agent.mission.orders import Orders
 from radron.agent.mission.problems import Problems
 from radron.agent.mission.uploads import Ground, Uploads
 from radron.agent.navigation.peers.newest import Peers
+from radron.agent.owntime import Utc
 from radron.protocol.messages import Action, AnyOrder, Command, Status, Upload
 
 UNPLACED = "its heading is not known, and it has neither seen another drone nor been seen by one yet"
@@ -44,11 +45,12 @@ class Commanding:
         own: OwnPose,
         peers: Peers,
         counters: Counter[str],
+        utc: Utc,
     ) -> None:
         """``counters``: of refused commands, by reason."""
         self._mission_id, self._orders = mission_id, orders
         self._executive, self._problems, self._own, self._peers = executive, problems, own, peers
-        self._counters = counters
+        self._counters, self._utc = counters, utc
         self.uploads = Uploads(mission_id)
 
     def judge(self, order: AnyOrder, now_ns: int) -> Verdict | None:
@@ -88,5 +90,5 @@ class Commanding:
         others = self._peers.statuses(now_ns)
         problems = self.against_start(now_ns, {name: others[name] for name in others if name in command.to})
         # That of the drones that fly it already: all ignore the same earlier measurements.
-        begun_ns = self._peers.begun_ns(self._mission_id, now_ns)
+        begun_ns = self._peers.begun_ns(self._mission_id, now_ns, self._utc.of(now_ns))
         return self._executive.obey(command.action, command.stamp_ns, begun_ns, now_ns, problems)

@@ -7,10 +7,12 @@ from collections.abc import Iterable
 from math import dist, inf
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import MissionConfig
 from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.localization.clocks import Clocks
 from radron.agent.localization.knownframe import LARGEST_DOUBT_M
 from radron.agent.localization.ownpose import OwnPose
 from radron.agent.mission.aloft import Aloft
@@ -62,11 +64,13 @@ class Executive:
         own: OwnPose,
         counters: Counter[str],
         memory: Memory | None,
+        clocks: Clocks,
     ) -> None:
         """``memory``: from the agent that flew this drone before."""
         self._config = mission
         self._id, self._mission_id = drone.id, mission.mission_id
         self._world, self._own, self._counters = world, own, counters
+        self._clocks, self._utc = clocks, clocks.utc
         can_lose = mission.fusion.estimator != "given"
         self._mission, self._aloft = Mission(mission.track, mission.survey, can_lose, mission.area.floor_m), Aloft()
         frames, fusion = world.frames.graph, world.fusion
@@ -78,7 +82,7 @@ class Executive:
         self._reserve = Reserve(drone.id, mission.safety.battery_reserve)
         self.finding, self._revoked = "", False
         self._left: Hypothesis | None = None  # the last one of a drone that is revoked: the others circle there
-        self.remembering = Remembering(mission.mission_id, self._mission, self._navigator, own, counters, memory)
+        self.remembering = Remembering(mission.mission_id, self._mission, self._navigator, own, counters, memory, self._utc)
 
     @property
     def stage(self) -> Stage:
@@ -212,13 +216,13 @@ class Executive:
             self._counters["found_flying"] += 1
             self._mission.find_flying(self._own.vehicle, now_ns)
             self._navigator.resume(KeptHome(self._config.member(self._id).origin_m))
-        started_ns = self._mission.flight.started_ns
-        if self.stage not in ON_GROUND and now_ns - started_ns >= _LONGEST_FLIGHT_NS:  # begin not known
-            begun_ns = peers.begun_ns(self._mission_id, now_ns)
+        started_ns, utc_ns = self._mission.flight.started_ns, self._utc.of(now_ns)
+        if self.stage not in ON_GROUND and utc_ns - started_ns >= _LONGEST_FLIGHT_NS:  # begin not known
+            begun_ns = peers.begun_ns(self._mission_id, now_ns, utc_ns)
             if begun_ns is not None and begun_ns > started_ns:
                 self._begin(begun_ns)
             elif started_ns == 0 and self.stage in SEARCHING:  # older entries are of another flight
-                self._begin(now_ns - _LONGEST_FLIGHT_NS)
+                self._begin(utc_ns - _LONGEST_FLIGHT_NS)
 
     def _begin(self, started_ns: int) -> None:
         """Discard all measurements and coverage of before."""
@@ -277,7 +281,7 @@ class Executive:
         longest_s = self._config.survey.duration_s
         flight = self._mission.flight
         began = flight.tracking_since_ns is not None
-        searched_s = (now_ns - flight.started_ns) * 1e-9 if began else flight.searched_s(now_ns)
+        searched_s = (self._utc.of(now_ns) - flight.started_ns) * 1e-9 if began else flight.searched_s(now_ns)
         if longest_s is not None and searched_s >= longest_s:
             return False
         if not began:
@@ -306,7 +310,7 @@ class Executive:
 
         Cameras measure on the ground as well, before a start in which not all take part.
         """
-        since_ns = max(self._mission.flight.started_ns, now_ns - _LONGEST_FLIGHT_NS)
+        since_ns = max(self._mission.flight.started_ns, self._utc.of(now_ns) - _LONGEST_FLIGHT_NS)
         return frozenset(name for name, newest_ns in self._world.fusion.log.publishers.items() if newest_ns >= since_ns)
 
     def _conclude(self, now_ns: int) -> None:
@@ -328,6 +332,8 @@ class Executive:
             self._navigator.rest(now_ns, peers)
             return Decision(VehicleCommand(self._request_blind(vehicle, now_ns)))
         believed = self._left if self._revoked else focus(self._world.fusion.hypothesis, self._config)
+        if believed is not None and (stamp_ns := self._clocks.own_ns_of_common(believed.stamp_ns)) != believed.stamp_ns:
+            believed = replace(believed, stamp_ns=stamp_ns)
         moment = Moment(now_ns, self.stage, self._mission.flight.since_ns, vehicle, believed, self._mission.flight.took_part_ns)
         setpoint, plan = self._navigator.step(moment, peers)
         if self._navigator.waits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from radron.agent.frames.kept import KeptFrame
 from radron.agent.geometry import Vector3
@@ -19,8 +20,9 @@ _FROM_THE_GROUND = (Stage.TAKEOFF, *DESCENDING)
 
 
 class Memory(Struct, frozen=True, kw_only=True):
-    """A drone that flies the mission, as of ``stamp_ns`` (UTC, in whole ``REFRESH_NS``: equal states are not written again); on
-    the ground ``copied`` alone, without a stamp.
+    """A drone that flies the mission, as of ``stamp_ns`` (in whole ``REFRESH_NS``: equal states are not written again); on the
+    ground ``copied`` alone, without a stamp. All times are own time of the agent, except stamps of the log: ``started_ns``, and
+    in ``launch``; UTC is ahead of it by ``ahead_ns``.
 
     ``started_ns``: stamp of the start command, or 0; ``home_m``: where a return leads, mission frame; None if not known;
     ``home_sigma_m``, ``launch``: as in ``KeptHome``. ``searching_since_ns``: when the present search began; None without a
@@ -54,6 +56,22 @@ class Memory(Struct, frozen=True, kw_only=True):
     frames: dict[str, KeptFrame] = {}
     copied: tuple[str, ...] = ()
     others: dict[str, LastNews] = {}
+    ahead_ns: int = 0
+
+    def in_utc(self) -> Memory:
+        """Return the same with all times in UTC, which is own time of the agent that continues the flight."""
+        by_ns = self.ahead_ns
+        if by_ns == 0:
+            return self
+        return replace(
+            self,
+            ahead_ns=0,
+            stamp_ns=self.stamp_ns + by_ns,
+            tracking_since_ns=None if self.tracking_since_ns is None else self.tracking_since_ns + by_ns,
+            searching_since_ns=None if self.searching_since_ns is None else self.searching_since_ns + by_ns,
+            frames={name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self.frames.items()},
+            others={name: one.moved(by_ns) for name, one in self.others.items()},
+        )
 
     @property
     def home(self) -> KeptHome:

@@ -2,9 +2,9 @@
 
 A command carries, for each drone that it addresses, a ticket from that drone's status at the time the command was given. The
 ticket is a nonce, and a number above that of the last command carried out. The drone changes the nonce twice a second by its own
-clock, and never uses it again after a restart. So neither a recorded nor a delayed nor a reordered command is obeyed, and none
-given more than ``MAX_ORDER_AGE_NS`` ago, by the drone's clock alone. The operator's clock only matters for a start, whose stamp
-is the beginning of the swarm's mission.
+time, and never uses it again after a restart. So neither a recorded nor a delayed nor a reordered command is obeyed, and none
+given more than ``MAX_ORDER_AGE_NS`` ago, by the drone's own time alone. The operator's clock only matters for a start, whose
+stamp is the beginning of the swarm's mission.
 
 Nonces follow from a key that each agent draws at its start. Before their publication they are secret: a brief hold of an
 operator's key is not enough to sign commands for later.
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from hashlib import blake2b
 
+from radron.agent.owntime import Utc
 from radron.protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Obeyed, Order, Ticket
 from radron.protocol.signing import Verifier
 
@@ -26,13 +27,19 @@ class Orders:
     """The commands to one drone. ``obeyed``: the last command carried out, for the status."""
 
     def __init__(
-        self, drone: str, mission_id: str, nonce_key: bytes, verifier: Verifier | None, tells_obeyed: bool = True
+        self,
+        drone: str,
+        mission_id: str,
+        nonce_key: bytes,
+        verifier: Verifier | None,
+        utc: Utc,
+        tells_obeyed: bool = True,
     ) -> None:
         """``nonce_key``: random, up to 64 bytes. ``verifier`` None: the swarm has no certificates, and commands no signatures.
         ``tells_obeyed``: whether ``obeyed`` is kept.
         """
         self._drone, self._mission_id, self._nonce_key = drone, mission_id, nonce_key
-        self._verifier = verifier
+        self._verifier, self._utc = verifier, utc
         self._last = 0  # number of the last command carried out
         self._tells_obeyed = tells_obeyed
         self.obeyed: Obeyed | None = None
@@ -49,7 +56,7 @@ class Orders:
         if ticket is None:
             return "to_others"
         if self._verifier is not None:
-            refused = self._verifier.refusal(command, now_ns)
+            refused = self._verifier.refusal(command, self._utc.of(now_ns))
             if refused is not None:
                 return refused
         if ticket.nonce not in self._valid(now_ns // NONCE_NS):
@@ -59,7 +66,7 @@ class Orders:
         if ticket.number > self._last + MOST_AHEAD:
             return "numbered_too_high"
         is_start = isinstance(command, Command) and command.action is Action.START
-        if is_start and abs(now_ns - command.stamp_ns) > START_AGE_NS:
+        if is_start and abs(self._utc.of(now_ns) - command.stamp_ns) > START_AGE_NS:
             return "too_old"
         return None
 

@@ -14,6 +14,7 @@ from radron.agent.mission.stages import Mission
 from radron.agent.navigation.navigator import Navigator
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.unheard.contact import Wall
+from radron.agent.owntime import Utc
 from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.messages import Stage
 
@@ -33,10 +34,11 @@ class Remembering:
         own: OwnPose,
         counters: Counter[str],
         memory: Memory | None,
+        utc: Utc,
     ) -> None:
         """``memory``: from the agent that flew this drone before."""
         self._mission_id, self._mission, self._navigator = mission_id, mission, navigator
-        self._own, self._counters = own, counters
+        self._own, self._counters, self._utc = own, counters, utc
         self.memory, self.copied = memory, set(memory.copied if memory is not None else ())
         # As of ``Navigator.epochs`` and ``parted``, when frames and others were last stored.
         self._stored_urgent: tuple[dict[str, int], dict[str, Wall | None]] = {}, {}
@@ -96,7 +98,7 @@ class Remembering:
         copied = tuple(sorted(self.copied))
         if memory is not None:
             epoch = self._own.vehicle.epoch if self._own.vehicle is not None else 0
-            return replace(memory, epoch=epoch, copied=copied)
+            return replace(memory, epoch=epoch, copied=copied, ahead_ns=self._utc.ahead_ns)
         if not copied:
             return None
         stage = self._mission.stage

@@ -106,7 +106,7 @@ class Reporter:
         """The messages that are due now.
 
         Args:
-            now_ns: UTC.
+            now_ns: own time, as all stamps.
             vehicle: newest telemetry.
             frame: mission <- local of its epoch; published if estimated, for operators (agents have it from their logs).
             believed: the source estimate, called only when due; None without one.

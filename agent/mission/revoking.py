@@ -19,6 +19,7 @@ from radron.agent.mission.problems import Problems
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS, WINDOW_NS
 from radron.agent.navigation.peers.newest import Peers
+from radron.agent.owntime import Utc
 from radron.protocol.entries import Coverage, Entry
 from radron.protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
 from radron.protocol.signing import Trust, Verifier, sign_obeying
@@ -40,10 +41,11 @@ class Revoking:
         peers: Peers,
         problems: Problems,
         counters: Counter[str],
+        utc: Utc,
     ) -> None:
         """``publisher``: of the own entries. ``trust``, ``verifier``: None without certificates; then without revocation."""
         self._publisher, self._drone = publisher, publisher[0]
-        self._trust, self._revocations = trust, Revocations(verifier, counters)
+        self._trust, self._revocations, self._utc = trust, Revocations(verifier, counters), utc
         self._world, self._executive, self._peers, self._problems = world, executive, peers, problems
         self._contradictions: dict[Publisher, Contradiction] = {}
         self._obeying: dict[str, Obeying] = {}  # the words of the others that are revoked; after a restart others pass them on
@@ -64,7 +66,7 @@ class Revoking:
         verdict = None
         by = message.drone if isinstance(message, Revoked) else None
         for one in message.held if isinstance(message, Revoked) else (message,):
-            refused = self._revocations.take(one, now_ns, by)
+            refused = self._revocations.take(one, self._utc.of(now_ns), by)
             if refused is None:
                 self._carry_out(one, now_ns)
             if refused not in ("known", "flood"):
@@ -79,7 +81,7 @@ class Revoking:
         """
         for word in message.obeying:
             known = word.drone in self._obeying or word.drone in self._executive.remembering.copied or word.drone == self._drone
-            if not known and self._revocations.confirms(word, now_ns, message.drone):
+            if not known and self._revocations.confirms(word, self._utc.of(now_ns), message.drone):
                 self._obeying[word.drone] = word
                 self._executive.obeys(word.drone, now_ns)
 

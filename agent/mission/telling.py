@@ -80,7 +80,7 @@ class Telling:
         believed = partial(Believed.of, fusion, hypothesis) if hypothesis is not None else None
         placed = frame.mission_from_local if frame is not None else None
         reports = self._reporter.due(now_ns, self._own.vehicle, placed, believed, partial(self._status, now_ns))
-        for message in (*self._revoking.due(now_ns), *reports):
+        for message in map(self._clocks.utc.stamped, (*self._revoking.due(now_ns), *reports)):
             if not isinstance(message, Status):
                 self._outbox.put(message)
             elif (status := self._outbox.sendable(message)) is not None:
@@ -132,7 +132,10 @@ class Telling:
     def _contradictions(self, now_ns: int) -> list[str]:
         """Return a line for each drone, this one included, with contradictory measurements or impossible exposures."""
         hypothesis, log = self._world.fusion.hypothesis, self._world.fusion.log
-        misexposed = [f"{drone}: its exposures {why}: {MISEXPOSED}" for drone, why in log.misexposed(now_ns - MISEXPOSED_NS)]
+        misexposed = [
+            f"{drone}: its exposures {why}: {MISEXPOSED}"
+            for drone, why in log.misexposed(self._clocks.utc.of(now_ns - MISEXPOSED_NS))
+        ]
         if hypothesis is None:
             return misexposed
         turned = [

@@ -12,6 +12,7 @@ from radron.agent.fusion.admission import Admission
 from radron.agent.fusion.engine import RECOUNTED, Fusion
 from radron.agent.fusion.posterior import Posterior, posterior_of
 from radron.agent.fusion.registry import Estimators
+from radron.agent.owntime import Utc
 from radron.protocol.entries import Cone, Entry, EntryId
 
 PUT_OFF = "it publishes more log entries than three cameras measure; the rest is put off. If it goes on, revoke it"
@@ -25,9 +26,9 @@ class WorldModel:
     """The log and all that follows from it.
 
     ``frames``: of the whole swarm. ``fusion``: the log, and the estimator that the drone flies by; ``listeners``: others on the
-    same log, by name. ``admission``: how many entries of each drone are taken. ``last_cone_ns``: stamp of the newest cone in the
-    log, of any drone; 0 where there is none. ``backlog_s``: for how long a received entry has been missing in the frames, or in
-    the hypothesis by these frames, s; some seconds, and ``pending`` all the time, while late entries keep coming.
+    same log, by name. ``admission``: how many entries of each drone are taken. ``last_cone_ns``: own time of the newest cone in
+    the log, of any drone; 0 where there is none. ``backlog_s``: for how long a received entry has been missing in the frames, or
+    in the hypothesis by these frames, s; some seconds, and ``pending`` all the time, while late entries keep coming.
     """
 
     def __init__(
@@ -38,8 +39,10 @@ class WorldModel:
         frame_estimates: FrameEstimates = Estimate,
         *,
         judges_exposures: bool = True,
+        utc: Utc | None = None,
     ) -> None:
-        """``judges_exposures``: see ``ObservationLog``."""
+        """``judges_exposures``: see ``ObservationLog``; ``utc``: of the drone; None: all times are UTC."""
+        self._utc = utc or Utc()
         judged = {"judges_exposures": judges_exposures}
         self.frames = SwarmFrames(mission, frame_estimates)
         graph = self.frames.graph
@@ -97,7 +100,7 @@ class WorldModel:
             return True
         self.frames.receive(entry, payload)
         if isinstance(entry, Cone):
-            self.last_cone_ns = max(self.last_cone_ns, min(entry.stamp_ns, now_ns))
+            self.last_cone_ns = max(self.last_cone_ns, min(self._utc.own_ns(entry.stamp_ns), now_ns))
         return True
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
@@ -134,16 +137,19 @@ class WorldModel:
 
     def _look_for_cones(self, now_ns: int) -> None:
         newest_ns = self.fusion.log.newest_ns(Cone)
-        self.last_cone_ns = min(newest_ns, now_ns) if newest_ns >= self._started_ns else 0
+        self.last_cone_ns = min(self._utc.own_ns(newest_ns), now_ns) if newest_ns >= self._started_ns else 0
 
-    def advance(self, now_ns: int) -> None:
-        """Process new entries: almost free without any; a large backlog takes several calls."""
+    def advance(self, now_ns: int, common_ns: int | None = None) -> None:
+        """Process new entries up to the common time of the swarm (UTC; None: now): almost free without any; a large backlog
+        takes several calls.
+        """
+        until_ns = now_ns if common_ns is None else common_ns
         if self._forgotten:
             self._forget(now_ns)
         if self._recounted < len(self.fusion.log.recounted):
             self._recount(now_ns)
-        self.frames.advance(self.fusion.begin_ns(now_ns), takes_late=not self.fusion.is_busy)
+        self.frames.advance(self.fusion.begin_ns(until_ns), takes_late=not self.fusion.is_busy)
         takes_late = not self.frames.has_batch  # otherwise computed twice, and the frames would wait
         for fusion in (self.fusion, *self.listeners.values()):
-            fusion.advance(now_ns, takes_late=takes_late)
-        self.backlog_s = 1e-9 * max(0, now_ns - min(self.frames.complete_ns, self.fusion.complete_ns))
+            fusion.advance(until_ns, takes_late=takes_late)
+        self.backlog_s = 1e-9 * max(0, until_ns - min(self.frames.complete_ns, self.fusion.complete_ns))

@@ -43,8 +43,8 @@ class Leading:
         """Return position (m) and velocity (m/s) of the circle's centre now.
 
         Args:
-            now_ns: UTC.
-            stamp_ns: time of the source estimate.
+            now_ns: own time.
+            stamp_ns: time of the source estimate, own time.
             place: position of the source at that time, m.
             velocity: of the source, m/s.
         """

@@ -23,7 +23,7 @@ _ARRIVED_M = 3.0  # from here on that time applies to the descent, with or witho
 
 
 class Launch(Struct, frozen=True):
-    """Position of the takeoff, in the local frame of that epoch, and its stamp (UTC)."""
+    """Position of the takeoff, in the local frame of that epoch, and its stamp in the log (UTC)."""
 
     epoch: int
     stamp_ns: int
@@ -54,7 +54,7 @@ class Home:
 
     def took_off(self, vehicle: VehicleState) -> None:
         """Note the takeoff of the drone."""
-        self._launch = Launch(vehicle.epoch, vehicle.stamp_ns, vehicle.position_m)
+        self._launch = Launch(vehicle.epoch, self._own.utc.of(vehicle.stamp_ns), vehicle.position_m)
         self._remembered = KeptHome()
 
     def remember(self, kept: KeptHome) -> None:

@@ -16,8 +16,8 @@ _OLDEST_S = 1.0  # limit of the prediction from older telemetry
 
 
 class Moment(Struct, frozen=True):
-    """``since_ns``: begin of the stage; ``hypothesis``: mission frame; ``took_part_ns``: begin of this drone's participation
-    without a break; without meaning outside of it.
+    """``since_ns``: begin of the stage; ``hypothesis``: mission frame, stamped in own time; ``took_part_ns``: begin of this
+    drone's participation without a break; without meaning outside of it.
     """
 
     now_ns: int

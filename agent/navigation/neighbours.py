@@ -100,7 +100,6 @@ class Neighbourhood:
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """Return all drones in the air with a known position, by id; then as seen from the alternative position of this drone."""
-        self._silent.keep_time(peers.set_ns)
         if not me.resumed:
             self._before.clear()
         found, missing = self._seen_from(peers, me)

@@ -10,22 +10,32 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from msgspec import Struct
 
-_LONGEST_STEP_NS = 2_000_000_000  # of a clock that was not set, as the agent sees it
+from radron.agent.owntime import Utc
+
 _SET_BACK_NS = 1_000_000_000  # by less, stamps are hardly wrong
-_ALIKE_NS = 1_000_000_000  # two steps of a clock: drift, and a late agent
+_ALIKE_NS = 1_000_000_000  # difference of two steps of a clock that undo each other: drift
 _NOTED_NS = 1_000_000_000
 _MOST_NOTED, _MOST_STEPS = 600, 8
 
 
 class _Doubted(Struct, frozen=True):
-    """Numbers of entries whose stamps may be wrong, and the latest time by the clock before it was set back."""
+    """Numbers of entries whose stamps may be wrong, and the latest UTC by the clock before it was set back."""
 
     first: int
     last: int
     until_ns: int
+
+
+class _Noted(NamedTuple):
+    """A time, and the next number then."""
+
+    own_ns: int
+    utc_ns: int
+    number: int
 
 
 class Numbering(Iterator[int]):
@@ -34,10 +44,9 @@ class Numbering(Iterator[int]):
     With this memory, entries made with a wrong clock can be taken back.
     """
 
-    def __init__(self) -> None:
-        self._next = 1
-        self._now_ns: int | None = None
-        self._noted: deque[tuple[int, int]] = deque(maxlen=_MOST_NOTED)  # a time of each second, and the next number then
+    def __init__(self, utc: Utc) -> None:
+        self._next, self._utc = 1, utc
+        self._noted: deque[_Noted] = deque(maxlen=_MOST_NOTED)  # one for each second
         self._ahead: deque[tuple[int, int]] = deque(maxlen=_MOST_STEPS)  # the next number at a step ahead, and the step
         self._doubted: _Doubted | None = None
         self._told = 1, 1  # the first number returned by ``since``, and the next number after that and its retraction
@@ -47,34 +56,33 @@ class Numbering(Iterator[int]):
         number, self._next = self._next, self._next + 1
         return number
 
-    def keep_time(self, now_ns: int) -> None:
-        """Compare the clock with the previous call, to find steps of the clock. Call it before numbers are given, or a moment
-        later.
-        """
-        before_ns, self._now_ns = self._now_ns, now_ns
-        step_ns = 0 if before_ns is None else now_ns - before_ns
-        if before_ns is not None and step_ns < -_SET_BACK_NS:
-            self._set_back(before_ns, now_ns)
-        elif step_ns > _LONGEST_STEP_NS:  # or the agent has stood still
-            self._ahead.append((self._next, step_ns))
-        if self._doubted is not None and now_ns >= self._doubted.until_ns:
+    def note(self, now_ns: int) -> None:
+        """Note the next number of each second."""
+        if self._doubted is not None and self._utc.of(now_ns) >= self._doubted.until_ns:
             self._doubted = None
-        if not self._noted or now_ns - self._noted[-1][0] >= _NOTED_NS:
-            self._noted.append((now_ns, self._next))
+        if not self._noted or now_ns - self._noted[-1].own_ns >= _NOTED_NS:
+            self._noted.append(_Noted(now_ns, self._utc.of(now_ns), self._next))
 
-    def _set_back(self, before_ns: int, now_ns: int) -> None:
-        later, ahead = self._first_later_than(now_ns), self._first_ahead_by(before_ns - now_ns)
+    def clock_step(self, by_ns: int, now_ns: int) -> None:
+        """Note a step of the own clock, before numbers are given by its new time."""
+        if by_ns > _SET_BACK_NS:
+            self._ahead.append((self._next, by_ns))
+        elif by_ns < -_SET_BACK_NS:
+            self._set_back(-by_ns, now_ns)
+
+    def _set_back(self, back_ns: int, now_ns: int) -> None:
+        before_ns = self._utc.of(now_ns) + back_ns
+        later, ahead = self._first_later_than(self._utc.of(now_ns)), self._first_ahead_by(back_ns)
         first = later if ahead is None else ahead
         if self._doubted is not None:
             first, before_ns = min(first, self._doubted.first), max(before_ns, self._doubted.until_ns)
         if first < self._next:
             self._doubted = _Doubted(first, self._next - 1, before_ns)
 
-    def _first_later_than(self, now_ns: int) -> int:
-        """Return the first number of a later stamp; the notes of such times are forgotten."""
-        first = self._next
-        while self._noted and self._noted[-1][0] > now_ns:
-            first = self._noted.pop()[1]
+    def _first_later_than(self, utc_ns: int) -> int:
+        """Return the first number with a later stamp; such stamps are judged once."""
+        first = next((one.number for one in self._noted if one.utc_ns > utc_ns), self._next)
+        self._noted = deque((one._replace(utc_ns=min(one.utc_ns, utc_ns)) for one in self._noted), _MOST_NOTED)
         return first
 
     def _first_ahead_by(self, back_ns: int) -> int | None:
@@ -93,7 +101,7 @@ class Numbering(Iterator[int]):
         Return None if all of them have been returned before. The entries are taken back with the next number, so that a
         localisation that jumps all the time repeats no retraction.
         """
-        earlier = [number for noted_ns, number in self._noted if noted_ns <= stamp_ns]
+        earlier = [one.number for one in self._noted if one.own_ns <= stamp_ns]
         first, (told_first, told_next) = earlier[-1] if earlier else 1, self._told
         if told_first <= first < told_next:
             first = told_next

@@ -14,6 +14,7 @@ from radron.agent.detector.detection import ConeEvent, Detections
 from radron.agent.detector.spectrum import CoarseSpectrum
 from radron.agent.geometry import Quaternion, Vector3, turned
 from radron.agent.localization.history import PoseHistory
+from radron.agent.owntime import Utc
 from radron.agent.sensing.overground import OverGround
 from radron.agent.terrain.ground import Ground
 from radron.agent.vehicle.interface import VehicleState
@@ -48,7 +49,7 @@ GONE_NS = 10_000_000_000  # after this time without data the camera is not waite
 
 
 class Observer:
-    """Turns the detections of one drone's camera into log entries, with the poses that the drone had: cones, and exposures
+    """Turns the detections of one drone's camera, in own time, into log entries in UTC, with the poses that the drone had: cones, and exposures
     (counts).
 
     The entries have consecutive sequence numbers, and positions in the drone's local frame.
@@ -62,11 +63,13 @@ class Observer:
         history: PoseHistory,
         numbers: Iterator[int],
         carried: Callable[[int], CarriedFrame | None],
+        utc: Utc,
     ) -> None:
         """Set up the observer of one drone.
 
         ``history``: the drone's own poses; ``numbers``: sequence numbers of this run's entries; ``carried``: see ``OwnPose``.
         """
+        self._utc = utc
         self._drone = drone.id
         self._mission = mission.mission_id
         self._boot = boot
@@ -80,6 +83,7 @@ class Observer:
         self._start_ns: int | None = None
         self._epoch = 0
         self._end_ns = 0
+        self._logged_ns = 0  # end of the exposures logged, UTC: none overlaps another, also after a clock step backward
         self._unused_ns = 0  # end of the last stretch if it was not used: nothing else will come of that time
         self._heard_ns: int | None = None  # end of the last stretch; before the first, since when it is waited for
         self._elsewhere_ns = 0  # until then this drone may have been elsewhere
@@ -93,7 +97,7 @@ class Observer:
         swath_m: width that is covered along the path.
         """
         return Coverage(
-            stamp_ns=stamp_ns,
+            stamp_ns=self._utc.of(stamp_ns),
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
@@ -108,9 +112,7 @@ class Observer:
 
         Later measurements at these stamps are used.
         """
-        self._waiting.clear()
-        self._end_ns = self._unused_ns = self._elsewhere_ns = 0
-        self._empty()
+        self._logged_ns = 0
         return self.retraction(stamp_ns, first, last)
 
     def drop_until(self, until_ns: int) -> None:
@@ -121,7 +123,7 @@ class Observer:
     def retraction(self, stamp_ns: int, first: int, last: int) -> Retraction:
         """Return the log entry that takes back the measurements with the numbers ``first`` to ``last``."""
         return Retraction(
-            stamp_ns=stamp_ns,
+            stamp_ns=self._utc.of(stamp_ns),
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
@@ -142,8 +144,8 @@ class Observer:
 
         Counts are held until an exposure (counts of a camera in half a second) is full. The zeros of a mute camera are not used
         (see ``unseen``): these are no evidence against a source. Some intervals are dropped, and counted in ``dropped``: longer
-        than the longest exposure, without a known (telemetry missing) or trusted pose, or overlapping earlier ones (a backward
-        clock step). Measurements at a wrong place would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first
+        than the longest exposure, without a known (telemetry missing) or trusted pose, or overlapping earlier ones, in own time or in
+        UTC (a backward clock step). Measurements at a wrong place would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first
         ones are taken, whatever their direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
@@ -177,7 +179,7 @@ class Observer:
         if state is None or not self._is_placed(state, start_ns, end_ns):
             self.dropped += 1
             return self._unused(end_ns)
-        if start_ns < self._end_ns:
+        if start_ns < self._end_ns or self._utc.of(start_ns) < self._logged_ns:
             self.dropped += 1
             return []
         most = ceil((end_ns - start_ns) * 1e-9 * MOST_CONES_PS)
@@ -238,7 +240,7 @@ class Observer:
         position, local_from_body = pose
         first, second = (turned(local_from_body, turned(self._body_from_camera, axis)) for axis in event.axis.tolist())
         return Cone(
-            stamp_ns=event.stamp_ns,
+            stamp_ns=self._utc.of(event.stamp_ns),
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
@@ -266,9 +268,10 @@ class Observer:
         self._empty()
         assert start_ns is not None
         state = self._history.at(start_ns)
-        if state is None or not self._history.keeps(start_ns + HELD_NS):  # the clock has been set meanwhile
+        if state is None or not self._history.keeps(start_ns + HELD_NS) or self._utc.of(start_ns) < self._logged_ns:
             self.dropped += 1
             return []
+        self._logged_ns = self._utc.of(self._end_ns)
         poses = []
         duration_ns = max(1, self._end_ns - start_ns)
         for offset_ns in range(0, duration_ns, max(SAMPLE_NS, -(-duration_ns // MOST_POSES))):
@@ -281,13 +284,13 @@ class Observer:
             poses.append(PoseSample(offset_ns, self._over_ground.placed(position, then), quaternion))
         return [
             Exposure(
-                stamp_ns=start_ns,
+                stamp_ns=self._utc.of(start_ns),
                 drone=self._drone,
                 mission=self._mission,
                 boot=self._boot,
                 sequence=next(self._numbers),
                 epoch=state.epoch,
-                end_ns=self._end_ns,
+                end_ns=self._utc.of(self._end_ns),
                 live_time_s=min(live_s, (self._end_ns - start_ns) * 1e-9),
                 counts=counts,
                 poses=tuple(poses),

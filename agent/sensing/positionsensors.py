@@ -1,4 +1,4 @@
-"""From satellite fixes and relative observations of other drones to log entries, with the own pose at their time."""
+"""From satellite fixes and relative observations of other drones, in own time, to log entries in UTC, with the own pose then."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from math import sqrt
 
 from radron.agent.geometry import Vector3, turned
 from radron.agent.localization.history import PoseHistory
+from radron.agent.owntime import Utc
 from radron.agent.vehicle.interface import GnssFix, SeenDrone
 from radron.protocol.entries import Fix, Sighting
 
@@ -36,6 +37,7 @@ class PositionSensors:
         history: PoseHistory,
         numbers: Iterator[int],
         counters: Counter[str],
+        utc: Utc,
     ) -> None:
         """Set up the sensors of one drone.
 
@@ -45,7 +47,8 @@ class PositionSensors:
         self._drone, self._others = drone, frozenset(others)
         self._mission, self._boot = mission_id, boot
         self._history, self._numbers, self._counters = history, numbers, counters
-        self._newest_ns = 0  # of the sightings logged
+        self._utc = utc
+        self._newest_ns = 0  # of the sightings logged, UTC
         self._elsewhere_ns = 0  # until then this drone may have been elsewhere
         self._taken: dict[str, tuple[int, int]] = {}  # by target: a second, and the number taken in it
 
@@ -56,7 +59,7 @@ class PositionSensors:
             self._counters["fixes_without_pose"] += pose is None
             return None
         return Fix(
-            stamp_ns=fix.stamp_ns,
+            stamp_ns=self._utc.of(fix.stamp_ns),
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,
@@ -72,7 +75,7 @@ class PositionSensors:
 
     def begin_anew(self) -> None:
         """Start again after a step of the clock: the log entries with wrong stamps are being taken back."""
-        self._newest_ns = self._elsewhere_ns = 0
+        self._newest_ns = 0
 
     def drop_until(self, until_ns: int) -> None:
         """Log no sighting from before a time (ns), because this drone may have been at another place."""
@@ -93,12 +96,13 @@ class PositionSensors:
             self._counters["sightings_without_pose"] += pose is None
             return None
         direction = None if seen.direction is None else _unit(turned(pose.quaternion, seen.direction))
-        is_overlapping = seen.stamp_ns < self._newest_ns - _OVERLAP_NS
+        stamp_ns = self._utc.of(seen.stamp_ns)
+        is_overlapping = stamp_ns < self._newest_ns - _OVERLAP_NS
         if is_overlapping:
             self._counters["sightings_overlapping"] += 1
-        self._newest_ns = max(self._newest_ns, seen.stamp_ns)
+        self._newest_ns = max(self._newest_ns, stamp_ns)
         return Sighting(
-            stamp_ns=seen.stamp_ns,
+            stamp_ns=stamp_ns,
             drone=self._drone,
             mission=self._mission,
             boot=self._boot,

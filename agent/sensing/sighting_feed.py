@@ -14,8 +14,10 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable
 
 import msgspec
+from msgspec.structs import replace
 
 from radron.agent.feed import LineFeed
+from radron.agent.owntime import Utc
 from radron.agent.vehicle.interface import SeenDrone
 
 STALE_NS = 2_000_000_000  # own poses are kept for 5 s: for older sightings there may be no pose
@@ -29,8 +31,12 @@ class SightingsFeed:
     ``counters``: sightings, malformed lines, sightings dropped as too old (``dropped_stale``), and connections.
     """
 
-    def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """Set up the receiver; it connects when ``sightings`` is iterated. Raises ConfigError for an invalid address."""
+    def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns, utc: Utc | None = None) -> None:
+        """Set up the receiver; it connects when ``sightings`` is iterated.
+
+        ``clock_ns``: own time; ``utc``: its lead; None: 0. Raises ConfigError for an invalid address.
+        """
+        self._utc = utc or Utc()
         self._feed = LineFeed("the sightings sensor", "sightings.address", address)
         self._clock_ns = clock_ns
         self._flaw: str | None = None
@@ -58,12 +64,13 @@ class SightingsFeed:
             self.counters["malformed"] += 1
             self._flaw = f"the sightings sensor sends malformed sightings: {error}"
             return None
-        late_ns = self._clock_ns() - seen.stamp_ns
+        own_ns = self._utc.own_ns(seen.stamp_ns)
+        late_ns = self._clock_ns() - own_ns
         if abs(late_ns) > STALE_NS:
             self.counters["dropped_stale"] += 1
             self._flaw = f"sightings are {late_ns * 1e-9:+.1f} s late and are dropped: check the clocks of sensor and computer"
             return None
-        return seen
+        return replace(seen, stamp_ns=own_ns)
 
     async def close(self) -> None:
         """Close the link to the sensor's feed, so that ``sightings`` ends."""

@@ -26,6 +26,7 @@ from radron.agent.detector.drivers import open_detector
 from radron.agent.detector.readout import Detector, shed
 from radron.agent.flight.recorded import RecordedPilot
 from radron.agent.flight.recorder import FlightRecorder
+from radron.agent.owntime import OwnClock
 from radron.agent.pilot import Pilot
 from radron.agent.sensing.sighting_feed import SightingsFeed
 from radron.agent.shell.aboard import aboard
@@ -61,7 +62,7 @@ LOOK_S = 0.5  # between two checks for problems
 CLOSE_S = 1.2
 MOST_HITS = 20_000  # in a readout; ten times as many, of a noisy camera, would block the loop for too long
 COUNTERS_S = 10.0
-DetectorOf = Callable[[DetectorConfig], Detector | None]
+DetectorOf = Callable[[DetectorConfig, OwnClock], Detector | None]
 
 
 class Node:
@@ -82,7 +83,7 @@ class Node:
         ``filed``: the mission in the mission file; ``force``: the mission flown. ``heartbeat``: reports every step.
         ``detector_of``: opens the camera; a test replaces it. ``patience``: waits for the autopilot; None: ends without it.
         """
-        self._drone = drone
+        self._drone, self._clock = drone, OwnClock()
         self._force, self._mission = force, force.mission
         self._uploaded = UploadedMission(drone, filed, log)
         self._heartbeat, self._log = heartbeat, log
@@ -134,20 +135,20 @@ class Node:
         self._pilot, self._recorder, self._folding = made.pilot, made.recorder, made.folding
         self._unrecorded, self._problems = made.unrecorded, Problems(made.pilot, self._log)
         for before in self._revoked_file.passed_on(time.time_ns()):
-            self._pilot.receive(key_of(self._mission.swarm, before), encode(before), before.stamp_ns)
+            self._pilot.receive(key_of(self._mission.swarm, before), encode(before), self._now_ns())
         contained = self._barrier.call
-        self._detector = self._detector_of(self._drone.detector)
+        self._detector = self._detector_of(self._drone.detector, self._clock)
         if self._detector is not None:
             self._closers.append(self._detector.close)
         if self._drone.sightings.address is not None:
-            self._sightings = SightingsFeed(self._drone.sightings.address)
+            self._sightings = SightingsFeed(self._drone.sightings.address, self._clock.now_ns, self._clock)
             self._closers.append(self._sightings.close)
         revoked = self._revoked()
         self._mesh = await Mesh.open(
             without(revoked, links, self._drone),
             self._mission.swarm,
             self._drone.id,
-            receive=contained("messages", lambda key, payload: self._pilot.receive(key, payload, time.time_ns()), None),
+            receive=contained("messages", lambda key, payload: self._pilot.receive(key, payload, self._now_ns()), None),
             drained=contained("log entries", self._advance, None),
             answer=contained("log queries", self._pilot.log_answer, []),
             members=frozenset(member.id for member in self._mission.drones),
@@ -156,7 +157,7 @@ class Node:
         self._log.info("mesh is up", boot=boot, mission=self._mission.mission_id, encrypted=self._identity is not None)
         demands = demands_of(self._mission, self._drone, sets=True)
         launch = saved.launch_in(self._mission.mission_id)
-        self._vehicle = Px4Vehicle(demands, launch, exact=self._frame_is_exact)
+        self._vehicle = Px4Vehicle(demands, launch, self._clock.now_ns, self._frame_is_exact, utc=self._clock)
         self._closers.append(self._vehicle.close)
         self._vehicle.on_state(contained("telemetry", self._pilot.observe_vehicle, None))
         self._publish = contained("publications", self._mesh.publish, None)
@@ -234,18 +235,24 @@ class Node:
         counters = {"node": self.counters, "mesh": self._mesh.counters, "pilot": self._pilot.counters}
         self._log.debug("counters", pid=os.getpid(), tasks=tasks, **counters)
 
+    def _now_ns(self) -> int:
+        """Return the own time; the pilot learns of a clock step before it is given the time."""
+        now_ns = self._clock.now_ns()
+        self._pilot.observe_clock(self._clock.look(), now_ns)
+        return now_ns
+
     def _advance(self) -> None:
         """Work new log entries into the hypothesis before the next step."""
         now_s = time.monotonic()
         if now_s - self._advanced_s >= ADVANCE_S:
-            self._pilot.advance(time.time_ns())
+            self._pilot.advance(self._now_ns())
             self._advanced_s = time.monotonic()
 
     def _step(self) -> None:
         """Make one step and send its results. Nothing computed before a stall is sent."""
         self._heartbeat.check()
         before = self._pilot.memory
-        step = self._pilot.step(time.time_ns())
+        step = self._pilot.step(self._now_ns())
         self._heartbeat.beat()
         self._send_command(step.command)
         for key, payload in step.publications:
@@ -328,7 +335,8 @@ class Node:
         self._has_jumped = self._has_jumped or (memory is not None and memory.epoch_offset != 0)
         if launch is not None:
             flown = launch.flown and not (self._has_jumped and memory is None)
-            launch = msgspec.structs.replace(launch, mission=self._mission.mission_id, flown=flown)
+            booted_ns = None if launch.booted_ns is None else self._clock.of(launch.booted_ns)
+            launch = msgspec.structs.replace(launch, mission=self._mission.mission_id, flown=flown, booted_ns=booted_ns)
         self._store.save(State(memory=memory, launch=launch))
 
     def _warnings(self) -> Iterator[str | None]:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Literal
 
+from radron.agent.owntime import Utc
 from radron.agent.vehicle.demands import Demands
 from radron.agent.vehicle.health import StatusMessages
 from radron.agent.vehicle.interface import Finding, GnssFix, LaunchPlace, Request, Setpoint, VehicleCommand, VehicleState
@@ -59,6 +60,7 @@ class Px4Vehicle:
         exact: bool = False,
         *,
         clock_s: Callable[[], float] = time.monotonic,
+        utc: Utc | None = None,
         link: Link | None = None,
     ) -> None:
         """Set up a driver that is not connected yet.
@@ -66,9 +68,10 @@ class Px4Vehicle:
         Args:
             demands: values that the mission requires of the autopilot, with the connection to it.
             launch: the launch place from before a restart in flight.
-            clock_ns: UTC.
+            clock_ns: own time; by default UTC, for a program that does not fly.
             exact: the mission's local frame is known exactly, so that it has only one epoch (period without a jump).
             clock_s: a clock that never goes back.
+            utc: lead of UTC over own time; None: 0.
             link: to the autopilot; None: as in ``config``.
         """
         self._config = config = demands.vehicle
@@ -78,7 +81,7 @@ class Px4Vehicle:
         self.messages = self._messages = StatusMessages()  # as well
         self.parameters = Parameters(demands, others=config.parameters)
         self._requests, self._setpoints, self._streams = Requests(), SetpointStream(self._link), Streams(self._link)
-        self._vision = Vision(config.vision.address, self._link.send, clock_ns) if config.vision is not None else None
+        self._vision = Vision(config.vision.address, self._link.send, clock_ns, utc) if config.vision is not None else None
         self._seeing: asyncio.Task[None] | None = None
         self._callback: Callable[[VehicleState], None] | None = None
         self._fix_callback: Callable[[GnssFix], None] | None = None

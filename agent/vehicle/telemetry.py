@@ -137,7 +137,7 @@ class Telemetry:
         """Return the position of the satellite receiver in a message; None without a position or its accuracy, or for a
         repetition.
         """
-        stamp_ns = self._clock.utc_ns(message.time_usec * 1000)
+        stamp_ns = self._clock.own_ns(message.time_usec * 1000)
         if stamp_ns is None or message.fix_type < _FIX_3D or message.h_acc <= 0 or message.v_acc <= 0:
             return None
         if message.time_usec == self._fix_us:
@@ -227,7 +227,7 @@ class Telemetry:
         return None if self.has_home or not self._config.gnss else "no home position yet"
 
     def _state(self, message: LocalPosition, arrival_ns: int, arrival_s: float) -> VehicleState | None:
-        stamp_ns = self._clock.observe(message.time_boot_ms, arrival_ns, round(arrival_s * 1e9))
+        stamp_ns = self._clock.observe(message.time_boot_ms, arrival_ns)
         seen = self.seen
         place_m, velocity_mps = _vector(message.x, message.y, message.z), _vector(message.vx, message.vy, message.vz)
         if place_m is not None:

@@ -22,9 +22,11 @@ from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from radron.agent.feed import LineFeed
 from radron.agent.geometry import Quaternion, Vector3
+from radron.agent.owntime import Utc
 from radron.agent.vehicle.frame import frd_from_flu, ned_from_enu
 
 STALE_NS = 500_000_000
@@ -56,11 +58,18 @@ class Vision:
     ``counters``: poses, malformed lines, poses dropped as too old (``dropped_stale``), and connections of the feed.
     """
 
-    def __init__(self, address: str, send: Callable[[str, dict[str, Any]], None], clock_ns: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        address: str,
+        send: Callable[[str, dict[str, Any]], None],
+        clock_ns: Callable[[], int],
+        utc: Utc | None = None,
+    ) -> None:
         """Set up the forwarding. Raises ConfigError for an invalid address.
 
-        ``send``: sends a MAVLink message to the autopilot, by name and fields.
+        ``send``: sends a MAVLink message to the autopilot, by name and fields; ``clock_ns``: own time; ``utc``: its lead; None: 0.
         """
+        self._utc = utc or Utc()
         self._feed = LineFeed("the vision system", "vehicle.vision.address", address)
         self._send = send
         self._clock_ns = clock_ns
@@ -96,14 +105,15 @@ class Vision:
             self.counters["malformed"] += 1
             self._flaw = f"the vision system sends a quaternion of length {length:g}"
             return None
-        late_ns = self._clock_ns() - pose.stamp_ns
+        own_ns = self._utc.own_ns(pose.stamp_ns)
+        late_ns = self._clock_ns() - own_ns
         if abs(late_ns) > STALE_NS:
             self.counters["dropped_stale"] += 1
             self._flaw = f"poses of the vision system are {late_ns * 1e-9:+.1f} s late and are dropped: check its clock"
             return None
         self.counters["poses"] += 1
         self._pose_s = time.monotonic()
-        return pose
+        return replace(pose, stamp_ns=own_ns)
 
     async def close(self) -> None:
         """Close the feed of the SLAM, so that ``run`` ends."""
@@ -113,7 +123,7 @@ class Vision:
 def odometry(pose: VisionPose) -> dict[str, Any]:
     """Return the fields of the MAVLink message ODOMETRY for a pose; None stands for NaN: unknown.
 
-    The time is UTC, which PX4 maps to its own clock by TIMESYNC.
+    The time is own time, which PX4 maps to its own clock by TIMESYNC.
     """
     x, y, z = ned_from_enu(pose.position_m)
     covariance: list[float | None] = [None] * _UPPER

@@ -33,6 +33,7 @@ from radron.agent.fusion.bayes.state import BayesState
 from radron.agent.fusion.estimator import GridStep, Outlook
 from radron.agent.fusion.observation import ConeObservation, Observation, observe
 from radron.agent.localization.history import PoseHistory
+from radron.agent.owntime import Utc
 from radron.agent.sensing.observer import Observer
 from radron.agent.vehicle.interface import FlightMode, VehicleState
 from radron.sim.figures.style import CONE, DRONES, ESTIMATE, TRUTH, dress, new_figure, plain_log, save
@@ -70,7 +71,7 @@ class Rig:
         self._chains = [DetectorChain(DetectionConfig(), NUCLIDE, Calibration.nominal()) for _ in names]
         self._histories = [PoseHistory() for _ in drones]
         self._observers = [
-            Observer(drone, self.mission, "0" * 16, history, count(1), lambda epoch: None)
+            Observer(drone, self.mission, "0" * 16, history, count(1), lambda epoch: None, Utc())
             for drone, history in zip(drones, self._histories, strict=True)
         ]
 

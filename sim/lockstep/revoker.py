@@ -32,7 +32,7 @@ class Revoker:
         own_ns: Callable[[int, int], int],
     ) -> None:
         """``drones``: ids of the mission's drones. ``operator``: signs the revocations. ``exclude``: ends the links of a drone.
-        ``own_ns``: returns what a drone's own clock shows at a time.
+        ``own_ns``: returns the own time of a drone's agent at a time.
         """
         self._schedule, self._drones, self._operator = schedule, drones, operator
         self._due: deque[int] = deque()

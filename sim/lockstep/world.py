@@ -215,6 +215,10 @@ class World:
     def _sense(self, now_ns: int, sources: Sequence[Source]) -> list[list[tuple[str, bytes]]]:
         """Pass telemetry, fixes, sightings and readouts to the pilots; return the publications of each."""
         self._onboard.vehicles.step()
+        clocks = self._onboard.clocks
+        for drone, pilot in enumerate(self.pilots):
+            own_ns = clocks.own_ns(drone, now_ns)
+            pilot.observe_clock(clocks.ahead_ns(drone, now_ns), own_ns)
         self._telemetry.tell(now_ns, self.pilots, self._autopilots)
         published: list[list[tuple[str, bytes]]] = [[] for _ in self.pilots]
         self._localize(now_ns, published)
@@ -264,6 +268,7 @@ class World:
 
     def _start(self, drone: int, starts: int = 0, memory: Memory | None = None) -> Pilot:
         """Make the pilot of a drone's agent after this number of earlier starts."""
+        self._onboard.clocks.begin(drone)
         boot = f"{self._seed & 0xFFFFFFFF:08x}{starts << 16 | drone:08x}"
         listeners = self._listen if drone == 0 else ()
         config = self._configs[drone]

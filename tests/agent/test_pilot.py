@@ -283,17 +283,6 @@ def test_older_telemetry_does_not_replace_newer():
     assert one.counters["telemetry_older_than_known"] == 1
 
 
-def test_a_clock_that_is_set_back_makes_the_drone_hold_instead_of_flying_by_frozen_telemetry():
-    one = started()
-    for tick in range(20):
-        now_ns = START_NS + tick * TICK_NS
-        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD))
-        assert one.step(now_ns).command.request is Request.OFFBOARD
-    set_back_ns = START_NS - 5 * SECOND
-    one.observe_vehicle(state(set_back_ns, FlightMode.OFFBOARD))
-    assert one.step(set_back_ns).command.request is Request.HOLD
-
-
 def test_a_copy_of_a_landing_command_does_not_take_the_vehicle_from_a_human_pilot():
     one = started()
     landing = command(Action.LAND, stamp_ns=START_NS + SECOND)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from radron.agent.detector.delivery import LOST_END, Delivery, Gathering
 from radron.agent.detector.files.toa import MAX_DISORDER_NS, BorderRepair
 from radron.agent.detector.readout import PixelHits, Readout
 
-STEP_NS = 20_000_000  # more than any slew of a clock from one readout to the next
 HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
 
 
@@ -23,7 +20,7 @@ class Acquisition:
     """One measurement of the camera, of at most ``length_ns``, requested at ``called_ns``, with the data delivered so far.
 
     The camera's threads set ``started_ns`` and append blocks, then set ``ended_ns``; the event loop takes the blocks. All times
-    are by one clock, which is never set.
+    are own time.
     """
 
     called_ns: int
@@ -32,30 +29,6 @@ class Acquisition:
     ended_ns: int | None = None
     blocks: deque[Delivery] = field(default_factory=deque)
     repair: BorderRepair = field(default_factory=BorderRepair)
-
-
-class Utc:
-    """Converts readouts (pixel hits of one interval) from a clock that is never set to UTC. After a step of UTC, later readouts
-    and their hits move by the step.
-    """
-
-    def __init__(self, utc_ns: Callable[[], int], steady_ns: Callable[[], int]) -> None:
-        self._utc_ns, self._steady_ns = utc_ns, steady_ns
-        self._ahead_ns: int | None = None
-
-    def look(self) -> None:
-        """Compare both clocks, and adopt a step of UTC. Smaller changes are ignored, so that readouts (pixel hits of one
-        interval) have no gaps.
-        """
-        ahead_ns = self._utc_ns() - self._steady_ns()
-        if self._ahead_ns is None or abs(ahead_ns - self._ahead_ns) > STEP_NS:
-            self._ahead_ns = ahead_ns
-
-    def of(self, readout: Readout) -> Readout:
-        """Return the readout (pixel hits of one interval) with its times converted to UTC."""
-        ahead_ns = self._ahead_ns or 0
-        start_ns, end_ns, clock_ns = (at_ns + ahead_ns for at_ns in (readout.start_ns, readout.end_ns, readout.clock_ns))
-        return replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)
 
 
 class AcquisitionReader:

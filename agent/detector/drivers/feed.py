@@ -6,10 +6,13 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 
+from msgspec.structs import replace
+
 from radron.agent.detector.readout import Readout
 from radron.agent.detector.wire import Unpacker
 from radron.agent.errors import DetectorError
 from radron.agent.feed import Feed
+from radron.agent.owntime import Utc
 
 STALE_NS = 2_000_000_000  # poses are kept for 5 s: an older readout may not find its pose any more
 
@@ -21,8 +24,12 @@ class FeedDetector:
     time. ``counters``: readouts, dropped readouts (``dropped_stale``), corrupt frames, and connections.
     """
 
-    def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns) -> None:
-        """Set up the receiver; it connects when ``readouts`` is iterated. Raises ConfigError for an invalid address."""
+    def __init__(self, address: str, clock_ns: Callable[[], int] = time.time_ns, utc: Utc | None = None) -> None:
+        """Set up the receiver; it connects when ``readouts`` is iterated.
+
+        ``clock_ns``: own time; ``utc``: its lead; None: 0. Raises ConfigError for an invalid address.
+        """
+        self._utc = utc or Utc()
         self._feed = Feed("the detector", "detector.address", address, self._decoder)
         self._address = address
         self._clock_ns = clock_ns
@@ -38,8 +45,9 @@ class FeedDetector:
     async def readouts(self) -> AsyncIterator[Readout]:
         """Yield the camera's readouts (pixel hits of one interval) as they arrive, until ``close`` is called."""
         async for readout in self._feed.items():
-            if self._fresh(readout):
-                yield readout
+            start_ns, end_ns, clock_ns = map(self._utc.own_ns, (readout.start_ns, readout.end_ns, readout.clock_ns))
+            if self._fresh(end_ns):
+                yield replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)
 
     def _decoder(self) -> Callable[[bytes], Iterator[Readout]]:
         unpacker = Unpacker()
@@ -53,8 +61,8 @@ class FeedDetector:
 
         return decode
 
-    def _fresh(self, readout: Readout) -> bool:
-        age_ns = self._clock_ns() - readout.end_ns
+    def _fresh(self, end_ns: int) -> bool:
+        age_ns = self._clock_ns() - end_ns
         if abs(age_ns) <= STALE_NS:
             self._flaw = None
             self.counters["readouts"] += 1

@@ -8,8 +8,7 @@ index, ToA, overflow, FToA, ToT, with the same meaning as in a .t3pa file.
 
 ToA counts from the start of an acquisition. Its time is taken when ``PX_EVENT_ACQ_MEAS_STARTED`` arrives, late by the transfer
 from the camera to the host, some ms. Every minute the acquisition is ended and a new one begun, so that a camera clock with an
-error of 50 ppm is off by at most 3 ms. The pause between two acquisitions is a gap between readouts. These times are by a clock
-that is never set: otherwise, after a step of the computer's UTC by 3 s within the minute, hits kept to the former time.
+error of 50 ppm is off by at most 3 ms. The pause between two acquisitions is a gap between readouts.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from radron.agent.detector.drivers.acquisition import Acquisition, AcquisitionReader, Utc, block_of
+from radron.agent.detector.drivers.acquisition import Acquisition, AcquisitionReader, block_of
 from radron.agent.detector.readout import Readout
 from radron.agent.errors import DetectorError
 
@@ -67,15 +66,15 @@ class PixetDetector:
     All calls into the vendor's module are made on a thread of their own.
     """
 
-    def __init__(self, module: Any, bias_v: float | None = None, utc_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, module: Any, bias_v: float | None = None, clock_ns: Callable[[], int] = time.time_ns) -> None:
         """Set up the driver; it searches for the camera when ``readouts`` is iterated.
 
         ``module``: the vendor's module pypixet. ``bias_v``: bias voltage (V) of the sensor; None keeps the value of the camera's
-        own configuration.
+        own configuration. ``clock_ns``: own time.
         """
         self._module = module
         self._bias_v = bias_v
-        self._utc, self._steady_ns = Utc(utc_ns, time.monotonic_ns), time.monotonic_ns
+        self._clock_ns = clock_ns
         self._problem: str | None = "the camera is starting"
         self._acquisitions: deque[Acquisition] = deque()
         self._device: Any = None
@@ -96,9 +95,8 @@ class PixetDetector:
             self._worker = threading.Thread(target=self._work, name="pypixet", daemon=True)
             self._worker.start()
         while not self._closed.is_set():
-            self._utc.look()
-            for readout in self._reader.read(self._acquisitions, self._steady_ns()):
-                yield self._utc.of(readout)
+            for readout in self._reader.read(self._acquisitions, self._clock_ns()):
+                yield readout
             try:
                 async with asyncio.timeout(SLICE_S):
                     await self._closed.wait()
@@ -177,20 +175,20 @@ class PixetDetector:
     def _acquire(self, device: Any) -> None:
         """One acquisition; blocks until it ends."""
         pixet = self._module.pixet
-        acquisition = Acquisition(self._steady_ns(), round(ACQUISITION_S * 1e9))
+        acquisition = Acquisition(self._clock_ns(), round(ACQUISITION_S * 1e9))
         self._acquisitions.append(acquisition)
         try:
             code = device.doAdvancedAcquisition(
                 1, ACQUISITION_S, pixet.PX_ACQTYPE_DATADRIVEN, pixet.PX_ACQMODE_NORMAL, pixet.PX_FTYPE_AUTODETECT, 0, ""
             )
         finally:
-            acquisition.ended_ns = self._steady_ns()
+            acquisition.ended_ns = self._clock_ns()
         if not self._stop.is_set():
             _done(device, "doAdvancedAcquisition", code)
 
     def _started(self, _event: object) -> None:
         with suppress(IndexError):  # an event that arrives after the end of its acquisition; nothing may be raised here
-            self._acquisitions[-1].started_ns = self._steady_ns()
+            self._acquisitions[-1].started_ns = self._clock_ns()
             self._problem = None
 
     def _arrived(self, _event: object) -> None:

@@ -67,7 +67,7 @@ class RecordedDetector:
 
 
 def playback(reader: T3paReader, start_ns: int, slice_ns: int = SLICE_NS) -> Iterator[Readout]:
-    """Yield the hits of a file as contiguous readouts of ``slice_ns``, with the first hit at ``start_ns`` (UTC).
+    """Yield the hits of a file as contiguous readouts of ``slice_ns``, with the first hit at ``start_ns``.
 
     Missing time that the file reports is subtracted from the live time of the readouts (pixel hits of one interval) that follow
     the report. Raises DetectorError with the number of a line that is not a row of such a file.

@@ -21,7 +21,6 @@ _MOST_DELAYS = 8  # of the last messages of a second: ten poses, and as many pla
 _MOST_SIGHTINGS = 256  # maximum number, whatever their stamps
 FUTURE_NS = 100_000_000  # limit of a stamp ahead of now: beyond, it is forged, or of a clock not yet known to be wrong
 _LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
-_LONGEST_STEP_NS = 2_000_000_000  # limit of a step of a correct clock: the watchdog ends an agent that stands still for as long
 
 
 M = TypeVar("M", Pose, Plan, Status)
@@ -29,10 +28,10 @@ M = TypeVar("M", Pose, Plan, Status)
 
 @dataclass(slots=True)
 class Peer:
-    """Newest message of each kind; None until heard. ``sources``: all stories of its position; ``sightings`` (by this drone): of
-    the last seconds. ``launch``: its last pose on the ground.
-    ``ahead_ns``: lead of its clock over the own one, as corrected in its stamps; ``delays_ns``: apparent delays of the last
-    messages that were kept, by both clocks without correction.
+    """Newest message of each kind, stamped in own time; None until heard. ``sources``: all stories of its position;
+    ``sightings`` (by this drone): of the last seconds. ``launch``: its last pose on the ground.
+    ``ahead_ns``: lead of its clock over own time, as corrected in its stamps; ``delays_ns``: apparent delays of the last
+    messages that were kept, without that correction.
     """
 
     plan: Plan | None = None
@@ -76,17 +75,8 @@ class Peer:
             return 0
         return max(0, sorted(self.delays_ns)[len(self.delays_ns) // 2] + self.ahead_ns)
 
-    def shift(self, by_ns: int) -> None:
-        """Move all stamps after a step of the own clock."""
-        self._shift_news(by_ns)
-        self.ahead_ns -= by_ns
-        self.delays_ns = deque((one_ns + by_ns for one_ns in self.delays_ns), _MOST_DELAYS)
-        sightings = [replace(one, stamp_ns=one.stamp_ns + by_ns) for one in self.sightings]
-        self.sightings.clear()
-        self.sightings.extend(sightings)
-
     def reckon_clock(self, ahead_ns: int, delay_ns: int, now_ns: int) -> None:
-        """Apply a new lead of its clock, from a message with this apparent delay, at ``now_ns`` by the own clock.
+        """Apply a new lead of its clock, from a message with this apparent delay, at ``now_ns``.
 
         Two causes: a new estimate of the same clock, or a step of that clock. After a new estimate, its earlier messages move
         along, or its next pose would seem to be a jump. After a step they stay: their stamps were right by the former clock. A
@@ -100,15 +90,16 @@ class Peer:
         grown_ns = delay_ns - min(self.delays_ns, default=delay_ns)
         newest_ns = max((one.stamp_ns for one in (self.pose, self.plan, self.status) if one is not None), default=now_ns - by_ns)
         if abs(grown_ns) <= abs(grown_ns - by_ns) and newest_ns + by_ns <= now_ns + FUTURE_NS:
-            self._shift_news(by_ns)
+            self._restamp(by_ns)
         else:
             self.delays_ns.clear()
         self.ahead_ns = ahead_ns
 
-    def _shift_news(self, by_ns: int) -> None:
-        self.launch, self.plan = _shifted(self.launch, by_ns), _shifted(self.plan, by_ns)
-        self.status = _shifted(self.status, by_ns)
-        self.sources.shift(by_ns)
+    def _restamp(self, by_ns: int) -> None:
+        """Correct the stamps of its messages by a new estimate of its clock."""
+        self.launch, self.plan = _restamped(self.launch, by_ns), _restamped(self.plan, by_ns)
+        self.status = _restamped(self.status, by_ns)
+        self.sources.restamp(by_ns)
 
     def take(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
         """Keep a message if it is newer than known; an older one still counts for ``sources``. Return the reason of a refusal."""
@@ -144,20 +135,15 @@ def is_present(stamp_ns: int, now_ns: int) -> bool:
     return now_ns - OLDEST_NS <= stamp_ns <= now_ns + FUTURE_NS
 
 
-def _shifted(message: M | None, by_ns: int) -> M | None:
+def _restamped(message: M | None, by_ns: int) -> M | None:
     return replace(message, stamp_ns=message.stamp_ns + by_ns) if message is not None else None
 
 
 class Peers:
-    """The other drones of the mission, by id.
-
-    Messages keep their age after a step of the own clock: all stamps move along, by ``set_ns`` in sum so far.
-    """
+    """The other drones of the mission, by id; all stamps in own time."""
 
     def __init__(self, ids: list[str]) -> None:
         self._peers = {name: Peer() for name in ids}
-        self._now_ns: int | None = None
-        self.set_ns = 0
 
     def __getitem__(self, drone: str) -> Peer:
         return self._peers[drone]
@@ -167,23 +153,10 @@ class Peers:
         """Ids of all, heard or not, sorted."""
         return sorted(self._peers)
 
-    def keep_time(self, now_ns: int, *, runs: bool = True) -> None:
-        """Check the own clock before it is used: a step backward, or forward by more than an agent's step can take.
-
-        ``runs``: the agent makes its steps; before the first one more time may pass without messages.
-        """
-        step_ns = 0 if self._now_ns is None else now_ns - self._now_ns
-        self._now_ns = now_ns
-        if 0 <= step_ns <= _LONGEST_STEP_NS or (step_ns > 0 and not runs):
-            return
-        self.set_ns += step_ns
-        for peer in self._peers.values():
-            peer.shift(step_ns)
-
     def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
-        """Keep a message, stamped by the own clock, if its stamp is newer. Return the reason of a refusal, or None.
+        """Keep a message, stamped in own time, if its stamp is newer. Return the reason of a refusal, or None.
 
-        ahead_ns: the correction in that stamp, the lead of the sender's clock over the own one; None: as before.
+        ahead_ns: the correction in that stamp, the lead of the sender's clock over own time; None: as before.
         """
         peer = self._peers.get(message.drone)
         if peer is None:
@@ -230,10 +203,11 @@ class Peers:
             if peer.status is not None and now_ns - peer.status.stamp_ns < STATUS_AGE_NS
         }
 
-    def begun_ns(self, mission: str, now_ns: int) -> int | None:
-        """Return the begin of that mission: the stamp of a start command reported by most drones in it, the earliest of several;
-        None: no drone reports one. A majority, because one false start would change which entries a restarted drone counts.
+    def begun_ns(self, mission: str, now_ns: int, utc_ns: int) -> int | None:
+        """Return the begin of that mission: the stamp (UTC) of a start command reported by most drones in it, the earliest of
+        several; None: no drone reports one. A majority, because one false start would change which entries a restarted drone
+        counts. ``now_ns``, ``utc_ns``: the present, in own time and by the own clock.
         """
         told = (status.started_ns for status in self.statuses(now_ns).values() if status.mission == mission)
-        known = Counter(began for began in told if began is not None and now_ns - began < _LONGEST_MISSION_NS)
+        known = Counter(began for began in told if began is not None and utc_ns - began < _LONGEST_MISSION_NS)
         return min(known, key=lambda began: (-known[began], began), default=None)

@@ -173,8 +173,8 @@ class Sources:
             return None
         return f"{drone}: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
 
-    def shift(self, by_ns: int) -> None:
-        """Move all stamps of the drone's news."""
+    def restamp(self, by_ns: int) -> None:
+        """Correct all stamps of the drone's news by a new estimate of its clock."""
         for story in self.stories:
             story.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in story.poses)
             story.began_ns += by_ns

@@ -44,11 +44,20 @@ class LastNews(Struct, frozen=True, kw_only=True):
             launch=_on_ground(launch) if launch is not None and launch.stamp_ns >= 0 else None,
         )
 
+    def moved(self, by_ns: int) -> LastNews:
+        """Return the same with all stamps later by that time, never before 1970."""
+        pose, launch = _moved(self.pose, by_ns), _moved(self.launch, by_ns) if self.launch is not None else None
+        return replace(self, pose=pose, launch=launch)
+
     def told_before(self, latest_ns: int) -> tuple[Pose, Status]:
         """Return the messages, stamped no later than ``latest_ns``: the own clock may have been stepped backward since."""
         stamp_ns = min(self.pose.stamp_ns, latest_ns)
         status = Status(stamp_ns=stamp_ns, drone=self.pose.drone, mission=self.mission, boot=self.boot, stage=self.stage)
         return replace(self.pose, stamp_ns=stamp_ns), status
+
+
+def _moved(pose: Pose, by_ns: int) -> Pose:
+    return replace(pose, stamp_ns=max(0, pose.stamp_ns + by_ns))
 
 
 def _on_ground(launch: Pose) -> Pose:

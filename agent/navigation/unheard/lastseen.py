@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from radron.agent.motion.reference import PeerState
 from radron.agent.motion.separation import PeerPlan
@@ -36,10 +35,6 @@ class LastSightings:
 
     def __init__(self) -> None:
         self._last: dict[str, LastSeen] = {}
-
-    def shift(self, by_ns: int) -> None:
-        """Move all stamps after a step of the own clock."""
-        self._last = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._last.items()}
 
     def note(self, name: str, seen: PeerPlan, epoch: int, *, flies: bool) -> None:
         """Note a sighting of now, own local frame of this epoch."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from msgspec.structs import replace
-
 from radron.agent.config.mission import MissionConfig
 from radron.agent.motion.orbit import ring_change_s
 from radron.agent.navigation.unheard.contact import SILENT_NS, Contact, Wall, wall_between
@@ -40,11 +38,6 @@ class Lines:
         self._tracked_ns = min(APART_NS, SILENT_NS + round(ring_change_s(mission) * 1e9))
         self._contacts: dict[str, Contact] = {}
         self._lines: dict[str, _Line] = {}
-
-    def shift(self, by_ns: int) -> None:
-        """Move all stamps after a step of the own clock."""
-        self._contacts = {name: replace(one, stamp_ns=one.stamp_ns + by_ns) for name, one in self._contacts.items()}
-        self._lines = {name: line._replace(stamp_ns=line.stamp_ns + by_ns) for name, line in self._lines.items()}
 
     def forget(self, name: str) -> None:
         """Forget the last contact with a drone, and the line: it has a two-way link again, or is on the ground."""

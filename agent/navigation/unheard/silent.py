@@ -75,17 +75,6 @@ class Silent:
         self._sights = LastSightings()
         self._excluded_ns: dict[str, int] = {}  # begin of the revocation, as known here, of drones never heard
         self._obeys_ns: dict[str, int] = {}  # first report of obedience by a revoked drone
-        self._set_ns = 0
-
-    def keep_time(self, set_ns: int) -> None:
-        """Move the stamps of the last contacts along with steps of the own clock, ``set_ns`` in sum (``Peers``)."""
-        by_ns, self._set_ns = set_ns - self._set_ns, set_ns
-        if by_ns != 0:
-            self._lines.shift(by_ns)
-            self._courses = {name: (stamp_ns + by_ns, courses) for name, (stamp_ns, courses) in self._courses.items()}
-            self._sights.shift(by_ns)
-            self._excluded_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._excluded_ns.items()}
-            self._obeys_ns = {name: stamp_ns + by_ns for name, stamp_ns in self._obeys_ns.items()}
 
     def recall(self, name: str, heard_ns: int, wall: Wall | None) -> None:
         """Restore the separation line from before a restart of this agent, if any; ``heard_ns``: stamp of the last contact."""

@@ -35,7 +35,7 @@ _PATIENT = (Attitude, DistanceSensor, Odometry)  # frequent, and only used with 
 
 
 class Received(Struct, frozen=True):
-    """A MAVLink message with its time of arrival: UTC (ns), and seconds of a clock that never goes back."""
+    """A MAVLink message with its time of arrival: own time (ns), and seconds of a clock that never goes back."""
 
     message: Message
     arrival_ns: int

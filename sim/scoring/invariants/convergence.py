@@ -93,6 +93,7 @@ class Converged(Invariant[Moment]):
             return
         now_ns = EPOCH_NS + round(moment.time_s * 1e9)
         for pilot in pilots:  # after a wrong clock an agent may take back its stamps
+            pilot.observe_clock(0, now_ns)
             pilot.advance(now_ns)
         exchange(pilots, now_ns)
         work_off(pilots, now_ns)

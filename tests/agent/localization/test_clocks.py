@@ -20,14 +20,17 @@ STATUS = Status(stamp_ns=0, drone="a", mission="0" * 16, boot="1" * 16, stage=St
 MS = 1_000_000
 
 
-def exchange_statuses(clocks, true_ns, set_ms, names, way_ns=lambda _: 2 * MS):
-    """Each of these drones sends a status to all others; ``way_ns``: for how long it is on its way to a receiver."""
+def exchange_statuses(clocks, true_ns, own_ms, names, way_ns=lambda _: 2 * MS):
+    """Each of these drones sends a status to all others. ``own_ms``: lead of each drone's own time; ``way_ns``: for how long a
+    status is on its way to a receiver.
+    """
     for sender in names:
-        sent_ns = true_ns + set_ms[sender] * MS
-        status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+        sent_ns = true_ns + own_ms[sender] * MS
+        stamp_ns = clocks[sender].utc.of(sent_ns)
+        status = replace(STATUS, drone=sender, stamp_ns=stamp_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
         for receiver in names:
             if receiver != sender:
-                clocks[receiver].hear(status, true_ns + way_ns(receiver) + set_ms[receiver] * MS)
+                clocks[receiver].hear(status, true_ns + way_ns(receiver) + own_ms[receiver] * MS)
 
 
 def exchanged(ahead_ms, seconds=5, ways_ms=(2, 2), names=("a", "b", "c")):
@@ -68,20 +71,21 @@ def test_a_clock_that_is_set_in_flight_is_known_within_two_seconds(jump_ms, name
     clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
     hurry, known_s = set(), None
     for tick in range(20 * 20):
-        true_ns, ahead_ns = START_NS + tick * SECOND // 20, dict.fromkeys(names, 0)
-        ahead_ns["b"] = jump_ms * MS if tick >= 200 else 0
+        true_ns = START_NS + tick * SECOND // 20
+        if tick == 200:
+            clocks["b"].set_own(jump_ms * MS, true_ns)
         for number, sender in enumerate(names):
             if tick % 20 != 3 + 6 * number and sender not in hurry:
                 continue
             hurry.discard(sender)
-            sent_ns = true_ns + ahead_ns[sender]
-            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+            stamp_ns = clocks[sender].utc.of(true_ns)
+            status = replace(STATUS, drone=sender, stamp_ns=stamp_ns, delays_ns=clocks[sender].delays_ns(true_ns))
             for receiver in names:
-                if receiver != sender and clocks[receiver].hear(status, true_ns + 5 * MS + ahead_ns[receiver]):
+                if receiver != sender and clocks[receiver].hear(status, true_ns + 5 * MS):
                     hurry.add(receiver)
-        theirs_ns = true_ns + ahead_ns["b"]
+        theirs_ns = clocks["b"].utc.of(true_ns)
         off_ns = [clocks[name].own_stamp_ns("b", theirs_ns) - true_ns for name in names if name != "b"]
-        off_ns += [clocks["b"].own_stamp_ns(name, true_ns) - theirs_ns for name in names if name != "b"]
+        off_ns += [clocks["b"].own_stamp_ns(name, true_ns) - true_ns for name in names if name != "b"]
         if tick >= 200 and all(abs(one_ns) < 20 * MS for one_ns in off_ns):
             known_s = (tick - 200) / 20 if known_s is None else known_s
         else:
@@ -97,16 +101,16 @@ def exchanged_over(seconds, way_ns, ahead_ns, phases=(3, 13)):
     clocks, flying, told = {"a": Clocks("a", ["b"]), "b": Clocks("b", ["a"])}, [], []
     for tick in range(seconds * 20):
         true_ns = START_NS + tick * SECOND // 20
-        own_ns = {"a": true_ns, "b": true_ns + ahead_ns(tick / 20)}
+        clocks["b"].set_own(ahead_ns(tick / 20), true_ns)
         for sender, phase in zip("ab", phases, strict=True):
             if tick % 20 == phase:
-                delays_ns = clocks[sender].delays_ns(own_ns[sender])
-                status = replace(STATUS, drone=sender, stamp_ns=own_ns[sender], delays_ns=delays_ns)
+                delays_ns = clocks[sender].delays_ns(true_ns)
+                status = replace(STATUS, drone=sender, stamp_ns=clocks[sender].utc.of(true_ns), delays_ns=delays_ns)
                 flying.append((true_ns + way_ns(tick / 20, sender), "ab"[sender == "a"], status))
         for arrival in sorted((one for one in flying if one[0] <= true_ns), key=lambda one: one[0]):
             flying.remove(arrival)
-            clocks[arrival[1]].hear(arrival[2], arrival[0] + own_ns[arrival[1]] - true_ns)
-        told.append((clocks["a"].offsets_s(own_ns["a"]).get("b", 0.0), -clocks["b"].offsets_s(own_ns["b"]).get("a", 0.0)))
+            clocks[arrival[1]].hear(arrival[2], arrival[0])
+        told.append((clocks["a"].offsets_s(true_ns).get("b", 0.0), -clocks["b"].offsets_s(true_ns).get("a", 0.0)))
     return told
 
 
@@ -157,16 +161,14 @@ def test_where_most_clocks_are_set_back_all_are_wrong_until_the_common_time_has_
     clocks, back_ms = {name: Clocks(name, [other for other in names if other != name]) for name in names}, 13_000
     told, followed_s = {name: [] for name in names}, {name: [] for name in names}
     for second in range(40):
-        true_ns, set_ms = START_NS + second * SECOND, {"a": -back_ms, "b": 0, "c": 0, "d": 0}
-        if second >= 10:
-            set_ms |= {"c": -back_ms, "d": -back_ms}
+        true_ns, own_ms = START_NS + second * SECOND, {"a": -back_ms, "b": 0, "c": 0, "d": 0}
         if second == 10:
             for name in "cd":
-                clocks[name].keep_time(-back_ms * MS)
-        exchange_statuses(clocks, true_ns, set_ms, names)
+                clocks[name].set_own(-back_ms * MS, true_ns)
+        exchange_statuses(clocks, true_ns, own_ms, names)
         for name in names:
             told[name].append(clocks[name].sigma_m(1.0))
-            followed_s[name].append((clocks[name].followed_ns(true_ns + set_ms[name] * MS) - START_NS) / SECOND)
+            followed_s[name].append((clocks[name].followed_ns(true_ns + own_ms[name] * MS) - START_NS) / SECOND)
     for second, expected in ((9, "a"), (13, "abcd"), (20, "abcd"), (26, "b"), (39, "b")):
         assert {name for name in names if told[name][second] > 12.5} == set(expected)
         assert all(told[name][second] == 0.0 for name in set(names) - set(expected))
@@ -184,14 +186,13 @@ def test_where_most_clocks_were_ahead_for_a_while_all_follow_the_common_time_bac
     doubted, off_s = {name: [] for name in names}, {name: [] for name in names}
     for second in range(60):
         true_ns = START_NS + second * SECOND
-        set_ms = {"a": 0} | dict.fromkeys("bcd", ahead_ms if 10 <= second < 25 else 0)
         heard = [name for name in names if second < 24 or name not in silent]
-        for name in "bcd" if second >= 25 else "":
-            clocks[name].keep_time(-ahead_ms * MS)
-        exchange_statuses(clocks, true_ns, set_ms, heard)
+        for name in "bcd" if second in (10, 25) else "":
+            clocks[name].set_own(ahead_ms * MS if second == 10 else 0, true_ns)
+        exchange_statuses(clocks, true_ns, dict.fromkeys(names, 0), heard)
         for name in names:
             doubted[name].append(clocks[name].is_doubted)
-            off_s[name].append((clocks[name].followed_ns(true_ns + set_ms[name] * MS) - true_ns) / SECOND)
+            off_s[name].append((clocks[name].followed_ns(true_ns) - true_ns) / SECOND)
     for name in heard:
         assert off_s[name][20] == pytest.approx(26.6, abs=0.1)
         assert [doubted[one][20] for one in "abcd"] == [True, False, False, False]
@@ -206,12 +207,12 @@ def test_where_most_clocks_were_ahead_for_a_while_all_follow_the_common_time_bac
 def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is_heard(names, wrong_ms):
     clocks, now_ns = exchanged({"a": 0, "b": 0, "c": 0}, names=names)
     b, before_ns = clocks["b"], now_ns("b")
-    b.keep_time(wrong_ms * MS)
+    b.set_own(wrong_ms * MS, before_ns)
     for later_s in (0, 15, 60):
         true_ns = before_ns + later_s * SECOND
-        assert b.common_ns(true_ns + wrong_ms * MS) == pytest.approx(true_ns, abs=10 * MS)
-        assert b.own_stamp_ns("a", true_ns) == pytest.approx(true_ns + wrong_ms * MS, abs=10 * MS)
-    b.keep_time(0)  # right again
+        assert b.common_ns(true_ns) == pytest.approx(true_ns, abs=10 * MS)
+        assert b.own_stamp_ns("a", true_ns) == pytest.approx(true_ns, abs=10 * MS)
+    b.set_own(0, true_ns)  # right again
     assert b.common_ns(true_ns) == true_ns
     assert b.problem(true_ns) is None
 
@@ -221,38 +222,36 @@ def test_the_common_time_goes_on_where_the_own_clock_is_set_back_while_nobody_is
 def test_the_common_time_goes_on_where_others_are_heard_that_have_not_heard_of_the_set_clock_yet(names, wrong_ms):
     """The common time was lost at their next status, which reports a delay by the former clock, for up to a second."""
     clocks, _ = exchanged({"a": 0, "b": 0, "c": 0}, names=names)
-    b, set_ms = clocks["b"], 0
+    b = clocks["b"]
     for tick in range(5 * 20, 40 * 20):
         true_ns = START_NS + tick * SECOND // 20
-        former_ms, set_ms = set_ms, wrong_ms if 10 * 20 <= tick < 20 * 20 or tick >= 30 * 20 else 0
-        if set_ms != former_ms:
-            b.keep_time(set_ms * MS)
+        if tick in (10 * 20, 20 * 20, 30 * 20):
+            b.set_own(wrong_ms * MS if tick != 20 * 20 else 0, true_ns)
         for number, sender in enumerate(names):
             if tick % 20 != 3 + 6 * ((number + 1) % len(names)):
                 continue
-            sent_ns = true_ns + (set_ms * MS if sender == "b" else 0)
-            status = replace(STATUS, drone=sender, stamp_ns=sent_ns, delays_ns=clocks[sender].delays_ns(sent_ns))
+            stamp_ns = clocks[sender].utc.of(true_ns)
+            status = replace(STATUS, drone=sender, stamp_ns=stamp_ns, delays_ns=clocks[sender].delays_ns(true_ns))
             for receiver in names:
                 if receiver != sender:
-                    clocks[receiver].hear(status, true_ns + 5 * MS + (set_ms * MS if receiver == "b" else 0))
-        now_ns = true_ns + set_ms * MS
-        assert b.common_ns(now_ns) == pytest.approx(true_ns, abs=20 * MS)
-        assert all(b.own_stamp_ns(name, true_ns) == pytest.approx(now_ns, abs=20 * MS) for name in names if name != "b")
+                    clocks[receiver].hear(status, true_ns + 5 * MS)
+        assert b.common_ns(true_ns) == pytest.approx(true_ns, abs=20 * MS)
+        assert all(b.own_stamp_ns(name, true_ns) == pytest.approx(true_ns, abs=20 * MS) for name in names if name != "b")
 
 
 def test_one_other_clock_is_not_believed_for_a_small_step_of_the_own_one():
     clocks, now_ns = exchanged({"a": 0, "b": 300}, names=("a", "b"))
     now_a_ns = now_ns("a")
-    clocks["a"].keep_time(-1 * MS)
-    assert clocks["a"].common_ns(now_a_ns - 1 * MS) == now_a_ns - 1 * MS
+    clocks["a"].set_own(-1 * MS, now_a_ns)
+    assert clocks["a"].common_ns(now_a_ns) == now_a_ns - 1 * MS
 
 
 def test_a_clock_that_is_set_right_tells_the_common_time_at_once():
     clocks, now_ns = exchanged({"a": 0, "b": 20_000, "c": 0})
     assert clocks["b"].problem(now_ns("b")) is not None
-    clocks["b"].keep_time(-20 * SECOND)
-    assert clocks["b"].common_ns(now_ns("a")) == now_ns("a")
-    assert clocks["b"].problem(now_ns("a")) is None
+    clocks["b"].set_own(-20 * SECOND, now_ns("b"))
+    assert clocks["b"].common_ns(now_ns("b")) == now_ns("a")
+    assert clocks["b"].problem(now_ns("b")) is None
 
 
 def test_the_hypothesis_grows_old_where_the_clock_is_set_back_while_nobody_is_heard():
@@ -264,34 +263,39 @@ def test_the_hypothesis_grows_old_where_the_clock_is_set_back_while_nobody_is_he
     for delays_ns in ({}, {"d1": 2 * MS}):
         status = replace(STATUS, drone="d2", stamp_ns=now_ns, mission=MISSION.mission_id, delays_ns=delays_ns)
         one.receive(key_of("radron", status), encode(status), now_ns + 2 * MS)
+    one.observe_clock(-20 * SECOND, now_ns)
     for tick in range(1, 100):
-        set_back_ns = now_ns - 20 * SECOND + tick * SECOND // 20
-        one.observe_vehicle(state(set_back_ns))
-        one.step(set_back_ns)
+        later_ns = now_ns + tick * SECOND // 20
+        one.observe_vehicle(state(later_ns))
+        one.step(later_ns)
     assert one.hypothesis.stamp_ns == pytest.approx(now_ns + 5 * SECOND, abs=SECOND)
 
 
 def test_what_was_stamped_while_the_clock_was_ahead_is_taken_back_and_the_hypothesis_follows():
-    """The hypothesis stood still until that time had come again, and went on from measurements of 20 s before."""
+    """The clock is ahead at the agent's start. The hypothesis stood still until that time had come again, and went on from
+    measurements of 20 s before.
+    """
     one, ahead_ns, logged = tracking(), 20 * SECOND, []
     for tick in range(1, 20 * 20):
-        true_ns = START_NS + 5 * SECOND + tick * SECOND // 20
-        now_ns = true_ns + (ahead_ns if tick < 300 else 0)
-        one.observe_vehicle(state(now_ns))
-        sent = one.observe_fix(replace(FIX, stamp_ns=now_ns)) if tick % 10 == 0 else []
+        own_ns = START_NS + 5 * SECOND + tick * SECOND // 20
+        true_ns = own_ns - ahead_ns
+        clock_ns = own_ns if tick < 300 else true_ns
+        one.observe_clock(clock_ns - own_ns, own_ns)
+        one.observe_vehicle(state(own_ns))
+        sent = one.observe_fix(replace(FIX, stamp_ns=own_ns)) if tick % 10 == 0 else []
         if tick % 20 == 0:
-            delays_ns = {"d1": true_ns - now_ns + 2 * MS}
+            delays_ns = {"d1": true_ns - clock_ns + 2 * MS}
             status = replace(STATUS, drone="d2", stamp_ns=true_ns, mission=MISSION.mission_id, delays_ns=delays_ns)
-            one.receive(key_of("radron", status), encode(status), now_ns + 2 * MS)
-        logged += [decode_from(key, payload) for key, payload in (*sent, *one.step(now_ns).publications)]
+            one.receive(key_of("radron", status), encode(status), own_ns + 2 * MS)
+        logged += [decode_from(key, payload) for key, payload in (*sent, *one.step(own_ns).publications)]
         if tick == 299:
-            assert one.hypothesis.stamp_ns == pytest.approx(now_ns, abs=SECOND)
-    assert one.hypothesis.stamp_ns == pytest.approx(now_ns, abs=SECOND)
+            assert one.hypothesis.stamp_ns == pytest.approx(clock_ns, abs=SECOND)
+    assert one.hypothesis.stamp_ns == pytest.approx(true_ns, abs=SECOND)
     (back,) = (entry for entry in logged if isinstance(entry, Retraction))
-    assert 0 <= back.stamp_ns - START_NS - 20 * SECOND <= 2 * SECOND
+    assert 0 <= back.stamp_ns - START_NS <= 2 * SECOND
     fixes = [entry for entry in logged if isinstance(entry, Fix)]
     wrong = [entry for entry in fixes if back.first <= entry.sequence <= back.last]
-    assert [entry for entry in fixes if entry.stamp_ns > START_NS + 24.9 * SECOND] == wrong != fixes
+    assert [entry for entry in fixes if entry.stamp_ns > START_NS + 5 * SECOND] == wrong != fixes
     assert [entry for entry in fixes if not one.fusion.log.counts(entry.entry_id)] == wrong
 
 
@@ -304,10 +308,14 @@ def test_what_was_heard_long_ago_counts_no_more():
     clocks, now_ns = exchanged({"a": 0, "b": 120, "c": 0})
     later_ns = now_ns("b") + 2 * WINDOW_NS
     assert clocks["b"].delays_ns(later_ns) == {}
-    clocks, now_ns = exchanged({"a": 0, "b": 0, "c": 0}, seconds=3)
-    a, jumped_ns = clocks["a"], now_ns("a") - 100 * SECOND  # set back
-    a.hear(replace(STATUS, drone="b", stamp_ns=now_ns("b")), jumped_ns)
-    assert a.delays_ns(jumped_ns) == {"b": jumped_ns - now_ns("b")}
+
+
+def test_a_step_of_the_own_clock_changes_the_published_delays_alone():
+    clocks, now_ns = exchanged({"a": 0, "b": 0, "c": 0})
+    before_ns, own_ns = clocks["a"].delays_ns(now_ns("a")), clocks["a"].own_stamp_ns("b", START_NS)
+    assert clocks["a"].set_own(-5 * SECOND, now_ns("a")) == -5 * SECOND
+    assert clocks["a"].delays_ns(now_ns("a")) == {name: delay_ns - 5 * SECOND for name, delay_ns in before_ns.items()}
+    assert clocks["a"].own_stamp_ns("b", START_NS) == pytest.approx(own_ns, abs=20 * MS)
 
 
 def test_who_is_silent_for_three_seconds_is_published_as_heard_no_more_but_its_clock_still_counts():
@@ -361,10 +369,10 @@ def test_a_pose_is_as_sure_as_the_localisation_for_whom_knows_how_far_the_clocks
         stamp_ns=START_NS + 2_600 * MS, drone="b", epoch=0, position_m=(0.0, 0.0, 3.0), velocity_mps=(2.0, 0.0, 0.0),
         quaternion=(1.0, 0.0, 0.0, 0.0), position_sigma_m=math.hypot(0.1, 5.2), yaw_sigma_rad=0.01, clock_sigma_m=5.2,
     )  # fmt: skip
-    known = exchanged({"a": 0, "b": 2_600}, names=("a", "b"))[0]["a"].by_own_clock(pose)
+    known = exchanged({"a": 0, "b": 2_600}, names=("a", "b"))[0]["a"].in_own_time(pose)
     assert known.stamp_ns == pytest.approx(START_NS, abs=2 * MS)
     assert known.position_sigma_m == pytest.approx(0.1)
-    assert Clocks("a", ["b"]).by_own_clock(pose).position_sigma_m == pose.position_sigma_m
+    assert Clocks("a", ["b"]).in_own_time(pose).position_sigma_m == pose.position_sigma_m
 
 
 def test_where_the_difference_is_not_known_the_own_clock_may_be_the_wrong_one():
@@ -374,22 +382,21 @@ def test_where_the_difference_is_not_known_the_own_clock_may_be_the_wrong_one():
         quaternion=(1.0, 0.0, 0.0, 0.0), position_sigma_m=0.1, yaw_sigma_rad=0.01,
     )  # fmt: skip
     clocks, _ = exchanged({"a": 1_000, "b": 0, "c": 0})
-    assert clocks["a"].by_own_clock(pose).position_sigma_m == pytest.approx(math.hypot(0.1, 4.0), abs=0.05)
-    assert clocks["a"].by_own_clock(replace(pose, drone="b")).position_sigma_m == pytest.approx(0.1)
-    assert clocks["b"].by_own_clock(pose) == pose
+    assert clocks["a"].in_own_time(pose).position_sigma_m == pytest.approx(math.hypot(0.1, 4.0), abs=0.05)
+    assert clocks["a"].in_own_time(replace(pose, drone="b")).position_sigma_m == pytest.approx(0.1)
+    assert clocks["b"].in_own_time(pose) == pose
 
 
 def test_who_is_alone_with_its_time_does_not_hold_the_others_back_to_it():
     """Its clock is set 30 s ahead: the hypothesis was 30 s in the future for as long."""
-    names, set_ms = ("b", "c", "a"), dict.fromkeys("abc", 0)
+    names = ("b", "c", "a")
     clocks = {name: Clocks(name, [other for other in names if other != name]) for name in names}
     off_s = []
     for tick in range(200):
         true_ns = START_NS + tick * SECOND // 10
-        set_ms["a"] = 30_000 if tick >= 100 else 0
-        clocks["a"].keep_time(0)
+        clocks["a"].set_own(30 * SECOND if tick >= 100 else 0, true_ns)
         if tick % 10 == 0:
-            exchange_statuses(clocks, true_ns, set_ms, names)
-        off_s.append((clocks["a"].followed_ns(true_ns + set_ms["a"] * MS) - true_ns) / SECOND)
+            exchange_statuses(clocks, true_ns, dict.fromkeys(names, 0), names)
+        off_s.append((clocks["a"].followed_ns(true_ns) - true_ns) / SECOND)
     assert off_s[:100] == pytest.approx([0.0] * 100, abs=0.05)
     assert off_s[125:] == pytest.approx([0.0] * 75, abs=0.05)  # once the others are heard again

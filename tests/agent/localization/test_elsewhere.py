@@ -35,7 +35,7 @@ def flown(one, jump_m, back_m=0.0, epoch=0, before_m=None, set_back_s=0):
     for tick in range(round(FLOWN_S * 20)):
         now_ns, x = START_NS + tick * TICK_NS, 0.0
         if tick >= (JUMPED_S + 2.0) * 20:
-            now_ns -= set_back_s * SECOND
+            one.observe_clock(-set_back_s * SECOND, now_ns)
         if tick == JUMPED_S * 20 and before_m is not None:
             one.observe_vehicle(state(now_ns - TICK_NS // 2, position=(before_m, 0.0, 3.0)))
         if tick >= JUMPED_S * 20:

@@ -5,12 +5,13 @@ from one_pilot import pilot as one_pilot
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.mission.orders import NONCE_NS, Orders
+from radron.agent.owntime import Utc
 from radron.agent.pilot import Pilot
 from radron.protocol.messages import Action, Stage, Status
 
 
 def nonces(key, boot_ns=START_NS, periods=50):
-    orders = Orders("d1", MISSION.mission_id, key, None)
+    orders = Orders("d1", MISSION.mission_id, key, None, Utc())
     return [orders.ticket(boot_ns + period * NONCE_NS).nonce for period in range(periods)]
 
 

@@ -832,37 +832,6 @@ def test_where_a_vehicle_hovers_without_its_agent_is_told_until_it_has_left(seco
     assert hood.absence.coming_home == ()
 
 
-def test_whoever_was_lost_while_the_own_clock_was_set_back_is_not_heard_like_any_other():
-    """The clock was 20 s fast, and b is silent since: its last messages would be of the future for as long, and its plan lost."""
-    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
-    peers.keep_time(30 * SECOND)
-    for message in (pose(30 * SECOND), plan(30 * SECOND), replace(status(Stage.TRACK), stamp_ns=30 * SECOND)):
-        assert peers.receive(message, 30 * SECOND) is None
-    peers.keep_time(10 * SECOND)
-    other = hood.around(peers, Self(10 * SECOND + SECOND // 2, 0, 0.0, Transform()))[0]
-    assert other.plan.state(10 * SECOND + SECOND // 2).position == pytest.approx((8.0, 1.0, 3.0))
-    for now_ns in (11 * SECOND + SECOND // 10, 40 * SECOND):
-        hood.around(peers, Self(now_ns, 0, 0.0, Transform()))
-        assert hood.absence is not None
-        assert hood.absence.missing == ("b",)
-
-
-def test_the_line_to_keep_behind_stays_when_the_own_clock_is_set_back():
-    peers, hood = Peers(["b"]), Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a")
-    for message in (pose(30 * SECOND), replace(status(Stage.SURVEY), stamp_ns=30 * SECOND)):
-        assert peers.receive(message, 30 * SECOND) is None
-
-    def walls(now_ns):
-        hood.around(peers, Self(now_ns, 0, 0.0, Transform(), motion_at=lambda ns: STANDING if ns > 20 * SECOND else None))
-        return hood.absence.walls
-
-    before = walls(32 * SECOND)
-    assert "b" in before
-    peers.keep_time(32 * SECOND)
-    peers.keep_time(12 * SECOND)
-    assert walls(13 * SECOND) == before
-
-
 @pytest.mark.parametrize("told_mps", [0.2, 2.6, 6.5])
 @pytest.mark.parametrize("count", [4, 5, 6, 7])
 def test_one_that_is_seen_only_a_few_times_may_have_become_as_fast_as_any(told_mps, count):

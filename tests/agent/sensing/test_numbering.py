@@ -2,6 +2,7 @@
 
 import pytest
 
+from radron.agent.owntime import Utc
 from radron.agent.sensing.numbering import Numbering
 
 SECOND = 1_000_000_000
@@ -12,11 +13,14 @@ def told(jumps, seconds, right=lambda second: True):
     """The numbers reported as wrongly stamped; a number is given at each tick. ``jumps``: steps of the clock (s), by second;
     ``right``: whether the clock is known to be right then.
     """
-    numbering, ahead_s, found = Numbering(), 0.0, []
+    utc = Utc()
+    numbering, found = Numbering(utc), []
     for tick in range(seconds * TICKS):
-        if tick % TICKS == 0:
-            ahead_s += jumps.get(tick // TICKS, 0.0)
-        numbering.keep_time(1000 * SECOND + round((tick / TICKS + ahead_s) * SECOND))
+        now_ns = 1000 * SECOND + tick * SECOND // TICKS
+        if tick % TICKS == 0 and (step_s := jumps.get(tick // TICKS)):
+            utc.ahead_ns += round(step_s * SECOND)
+            numbering.clock_step(round(step_s * SECOND), now_ns)
+        numbering.note(now_ns)
         if right(tick / TICKS) and (wrong := numbering.wrong()) is not None:
             found.append(wrong)
         assert next(numbering) == tick + 1

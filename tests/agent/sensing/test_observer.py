@@ -9,6 +9,7 @@ from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, GroundConfig, MissionConfig
 from radron.agent.detector.detection import ConeEvent, Detections
 from radron.agent.localization.history import PoseHistory
+from radron.agent.owntime import Utc
 from radron.agent.sensing.observer import EXPOSURE_NS, GONE_NS, LATE_NS, MOST_CONES_PS, MOST_POSES, MUTE_S, SILENT_S, Observer
 from radron.agent.vehicle.interface import FlightMode, VehicleState
 from radron.protocol.codec import encode
@@ -43,8 +44,8 @@ def still(history, from_s, until_s, **changed):
 CARRIED = {2: CarriedFrame((20.0, -5.0, 0.7), 0.6)}  # the frames of epochs after jumps
 
 
-def observer_with(history, mission=MISSION, **camera):
-    return Observer(DroneConfig(id="a", **camera), mission, "1" * 16, history, count(1), CARRIED.get)
+def observer_with(history, mission=MISSION, utc=None, **camera):
+    return Observer(DroneConfig(id="a", **camera), mission, "1" * 16, history, count(1), CARRIED.get, utc or Utc())
 
 
 def cone_event(stamp_ns, axis):
@@ -348,20 +349,35 @@ def test_counts_from_before_the_clock_was_set_are_dropped(observer, history):
     assert (exposure.stamp_ns, exposure.counts.hits) == (100 * SECOND, 2)
 
 
-def test_times_that_come_again_are_measured_again_once_what_was_stamped_before_is_taken_back(observer, history):
-    """The clock was ahead, and is right since it was set back."""
-    still(history, 1.0, 6.0)
+def test_times_that_come_again_are_measured_again_once_what_was_stamped_before_is_taken_back(history):
+    """The clock was ahead, and is right since it was set back by 3 s."""
+    utc = Utc()
+    observer = observer_with(history, utc=utc)
+    still(history, 1.0, 8.5)
     before = [entry for k in range(10) for entry in observer.observe(stretch(4.0 + 0.2 * k, 4.2 + 0.2 * k))]
     assert before[-1].end_ns > 5 * SECOND
-    history.clear()
-    still(history, 1.0, 3.0)
-    assert observer.observe(stretch(1.0, 1.6)) == []
+    utc.ahead_ns = -3 * SECOND
+    assert observer.observe(stretch(6.0, 6.6)) == []
     assert observer.dropped == 1
-    back = observer.taken_back(2 * SECOND, before[0].sequence, before[-1].sequence)
-    assert (back.first, back.last) == (before[0].sequence, before[-1].sequence)
-    (exposure,) = observer.observe(stretch(2.0, 2.6, hits=3))
-    assert (exposure.stamp_ns, exposure.end_ns, exposure.counts.hits) == (2 * SECOND, round(2.6 * SECOND), 3)
-    assert before[-1].sequence < back.sequence < exposure.sequence
+    back = observer.taken_back(7 * SECOND, before[0].sequence, before[-1].sequence)
+    assert (back.stamp_ns, back.first, back.last) == (4 * SECOND, before[0].sequence, before[-1].sequence)
+    held, exposure = observer.observe(stretch(7.0, 7.6, hits=3))
+    assert (held.stamp_ns, held.end_ns) == (before[-1].end_ns - 3 * SECOND, 3 * SECOND)  # not logged before
+    assert (exposure.stamp_ns, exposure.end_ns, exposure.counts.hits) == (4 * SECOND, round(4.6 * SECOND), 3)
+    assert before[-1].sequence < back.sequence < held.sequence < exposure.sequence
+
+
+@pytest.mark.parametrize(("step_s", "logged"), [(-1.0, 1), (1.0, 2)])
+def test_counts_held_while_the_clock_is_set_overlap_no_exposure(history, step_s, logged):
+    """Set back, their stamps are of a time that is logged already."""
+    utc = Utc()
+    observer = observer_with(history, utc=utc)
+    still(history, 0.0, 4.0)
+    first, *others = [entry for k in range(7) for entry in observer.observe(stretch(1.0 + 0.1 * k, 1.1 + 0.1 * k))]
+    utc.ahead_ns = round(step_s * SECOND)
+    exposures = [first, *others, *observer.observe(stretch(1.7, 2.0))]
+    assert len(exposures) == logged
+    assert all(later.stamp_ns >= earlier.end_ns for earlier, later in pairwise(exposures))
 
 
 def test_live_time_is_never_longer_than_the_exposure(observer):

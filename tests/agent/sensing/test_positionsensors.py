@@ -128,12 +128,13 @@ def test_after_its_clock_was_set_back_a_drone_logs_no_sighting_of_stamps_that_it
     """For itself it still sees where the others are; what its sensor tells a moment late is logged."""
     one, back_ns = flown(), 3 * SECOND
     assert len(told(one.observe_sightings([SEEN, replace(SEEN, stamp_ns=START_NS - SECOND // 4)]), Sighting)) == 2
+    one.observe_clock(-back_ns, START_NS)
     for tick in range(1, 70):
-        one.observe_vehicle(state(START_NS - back_ns + tick * TICK_NS, position=(2.0, 0.0, 3.0)))
-    assert one.observe_sightings([replace(SEEN, stamp_ns=START_NS - back_ns + SECOND)]) == []
+        one.observe_vehicle(state(START_NS + tick * TICK_NS, position=(2.0, 0.0, 3.0)))
+    assert one.observe_sightings([replace(SEEN, stamp_ns=START_NS + SECOND)]) == []
     assert one.counters["sightings_overlapping"] == 1
-    assert len(one._peers["d2"].sightings) == 3
-    (entry,) = told(one.observe_sightings([replace(SEEN, stamp_ns=START_NS + SECOND // 4)]), Sighting)
-    assert entry.sequence == 3
+    assert [seen.stamp_ns - START_NS for seen in one._peers["d2"].sightings] == [0, -SECOND // 4, SECOND]
+    (entry,) = told(one.observe_sightings([replace(SEEN, stamp_ns=START_NS + back_ns + SECOND // 4)]), Sighting)
+    assert (entry.sequence, entry.stamp_ns) == (3, START_NS + SECOND // 4)
     one._sensors.begin_anew()  # these are taken back
-    assert told(one.observe_sightings([replace(SEEN, stamp_ns=START_NS - back_ns + 2 * SECOND)]), Sighting)
+    assert told(one.observe_sightings([replace(SEEN, stamp_ns=START_NS + 2 * SECOND)]), Sighting)

@@ -12,6 +12,7 @@ from radron.agent.frames.drift import Drift
 from radron.agent.localization.clocks import Clocks
 from radron.agent.localization.ownpose import OwnPose
 from radron.agent.mission.orders import Orders
+from radron.agent.owntime import Utc
 from radron.agent.pilot import Pilot
 from radron.agent.vehicle.interface import FlightMode, VehicleState
 from radron.protocol.codec import decode_from, encode
@@ -84,7 +85,7 @@ def nonce_key_of(boot):
 
 def command(action=Action.START, mission=MISSION, stamp_ns=START_NS, drones=("d1", "d2"), boot=None):
     """A command at its stamp; the later it is, the higher its number."""
-    orders = {name: Orders(name, mission.mission_id, nonce_key_of(boot or boot_of(name)), None) for name in drones}
+    orders = {name: Orders(name, mission.mission_id, nonce_key_of(boot or boot_of(name)), None, Utc()) for name in drones}
     to = {name: replace(one.ticket(stamp_ns), number=stamp_ns // 10**7) for name, one in orders.items()}
     message = Command(stamp_ns=stamp_ns, station="tester", mission=mission.mission_id, action=action, to=to)
     return command_key(mission.swarm, "tester"), encode(message)

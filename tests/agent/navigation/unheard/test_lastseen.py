@@ -82,14 +82,6 @@ def test_what_was_seen_before_it_was_heard_again_does_not_count():
     assert nearest_m(found, second, (10.0, 1.0)) < 1.5
 
 
-def test_what_was_seen_moves_along_when_the_own_clock_is_set_back():
-    peers, hood = seen_after((FAR, status(Stage.SURVEY)))
-    peers.keep_time(round(HIDDEN_S * SECOND))
-    peers.keep_time(round((HIDDEN_S - 15.0) * SECOND))
-    second = HIDDEN_S - 15.0 + 4.0
-    assert nearest_m(hood.around(peers, me(second)), second, LAST) < 1.5
-
-
 @pytest.mark.parametrize("resumed", [False, True])
 def test_one_that_was_never_heard_is_where_it_is_seen_to_fly(resumed):
     """A drone revoked before this agent's restart, or out of reach: no other data give its position."""
