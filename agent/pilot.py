@@ -24,7 +24,7 @@ from radron.agent.fusion.estimator import Hypothesis, Outlook
 from radron.agent.fusion.exchange import LogExchange
 from radron.agent.fusion.posterior import Posterior
 from radron.agent.fusion.proofs import Proofs
-from radron.agent.localization.clocks import Clocks
+from radron.agent.localization.clocks import LIMIT_S, Clocks
 from radron.agent.localization.ownpose import OwnPose, Whereabouts
 from radron.agent.mission.commanding import Commanding, Verdict
 from radron.agent.mission.executive import Executive
@@ -136,10 +136,13 @@ class Pilot:
 
     def observe_clock(self, ahead_ns: int, now_ns: int) -> None:
         """Take the lead of UTC, by the clock of this drone's computer, over own time: 0 at first, and another after each step of
-        that clock. The peers are told at once: the next status has a stamp by the new time.
+        that clock. After a step the peers are told at once: the next status has a stamp by the new time.
         """
-        if ahead_ns != self._utc.ahead_ns:
-            self._numbers.clock_step(self._clocks.set_own(ahead_ns, now_ns), now_ns)
+        if ahead_ns == self._utc.ahead_ns:
+            return
+        step_ns = self._clocks.set_own(ahead_ns, now_ns)
+        self._numbers.clock_step(step_ns, now_ns)
+        if abs(step_ns) > 1e9 * LIMIT_S:  # less is drift, and not corrected by the peers
             self._telling.hurry(now_ns)
 
     def observe_vehicle(self, state: VehicleState) -> None:
