@@ -109,8 +109,8 @@ class Clocks:
     def _by_own_time(self, name: str, told_ns: int, delay_ns: int, now_ns: int) -> int:
         """Return this drone's delay as another one reports it, converted to own time.
 
-        The report may be by the former clock, as long as delays are kept: of both readings the possible round trip counts, and
-        the one nearer to the known lead, or the shorter: no own step changes the lead of own time.
+        The report may be by the former clock, as long as delays are kept. Of both readings the possible round trip counts; of two
+        the one with the known lead of own time, which no step of the own clock changes; else the shorter.
         """
         held = self._held.get(name)
         if now_ns - self._stepped_ns > WINDOW_NS + MOST_LATENCY_NS:
@@ -120,7 +120,7 @@ class Clocks:
         possible = [one_ns for one_ns in (returned_ns, by_former_ns) if one_ns + delay_ns >= _LEAST_TRIP_NS]
         found_ns = min(
             possible,
-            key=lambda one_ns: one_ns if held is None else abs(delay_ns - one_ns - 2 * held.ahead_ns),
+            key=lambda one_ns: (held is None or abs(delay_ns - one_ns - 2 * held.ahead_ns) > 2e9 * LIMIT_S, one_ns),
             default=returned_ns,
         )
         if found_ns == returned_ns:
