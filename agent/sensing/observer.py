@@ -49,8 +49,8 @@ GONE_NS = 10_000_000_000  # after this time without data the camera is not waite
 
 
 class Observer:
-    """Turns the detections of one drone's camera, in own time, into log entries in UTC, with the poses that the drone had: cones, and exposures
-    (counts).
+    """Turns the detections of one drone's camera, in own time, into log entries in UTC, with the poses that the drone had: cones,
+    and exposures (counts).
 
     The entries have consecutive sequence numbers, and positions in the drone's local frame.
     """
@@ -144,9 +144,9 @@ class Observer:
 
         Counts are held until an exposure (counts of a camera in half a second) is full. The zeros of a mute camera are not used
         (see ``unseen``): these are no evidence against a source. Some intervals are dropped, and counted in ``dropped``: longer
-        than the longest exposure, without a known (telemetry missing) or trusted pose, or overlapping earlier ones, in own time or in
-        UTC (a backward clock step). Measurements at a wrong place would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first
-        ones are taken, whatever their direction, and the others counted in ``withheld``.
+        than the longest exposure, without a known (telemetry missing) or trusted pose, or overlapping earlier ones, in own time
+        or in UTC (a backward clock step). Measurements at a wrong place would mislead the whole swarm. Of more cones than
+        ``MOST_CONES_PS`` the first ones are taken, whatever their direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0

@@ -25,7 +25,9 @@ class BootClock:
         self.has_rebooted = False  # the autopilot, since its first message
 
     def observe(self, boot_ms: int, arrival_ns: int) -> int:
-        """Take a message's stamp (ms since the autopilot's boot) and its arrival (own time); return the stamp in own time, never later."""
+        """Take a message's stamp (ms since the autopilot's boot) and its arrival (own time); return the stamp in own time, never
+        later than the arrival.
+        """
         boot_ns = boot_ms * 1_000_000
         self._watch_boots(boot_ns)
         if boot_ns < self._boot_ns - REBOOT_NS:

@@ -67,7 +67,8 @@ class Vision:
     ) -> None:
         """Set up the forwarding. Raises ConfigError for an invalid address.
 
-        ``send``: sends a MAVLink message to the autopilot, by name and fields; ``clock_ns``: own time; ``utc``: its lead; None: 0.
+        ``send``: sends a MAVLink message to the autopilot, by name and fields. ``clock_ns``: own time; ``utc``: its lead; None:
+        0.
         """
         self._utc = utc or Utc()
         self._feed = LineFeed("the vision system", "vehicle.vision.address", address)
