@@ -51,10 +51,6 @@ class OwnClock(Utc):
         """Return the own time now."""
         return self._steady_ns() + self._begin_ns
 
-    def utc_now_ns(self) -> int:
-        """Return the UTC now, by the last look at the clock."""
-        return self.of(self.now_ns())
-
     def look(self) -> int:
         """Read both clocks, and return the lead of UTC; less than ``STEP_NS`` is no step."""
         ahead_ns = self._lead_ns() - self._begin_ns
