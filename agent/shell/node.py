@@ -26,7 +26,7 @@ from radron.agent.detector.drivers import open_detector
 from radron.agent.detector.readout import Detector, shed
 from radron.agent.flight.recorded import RecordedPilot
 from radron.agent.flight.recorder import FlightRecorder
-from radron.agent.owntime import OwnClock
+from radron.agent.ownclock import OwnClock
 from radron.agent.pilot import Pilot
 from radron.agent.sensing.sighting_feed import SightingsFeed
 from radron.agent.shell.aboard import aboard

@@ -3,7 +3,8 @@
 import pytest
 from one_pilot import START_NS, partner
 
-from radron.agent.owntime import STEP_NS, OwnClock, Utc
+from radron.agent.ownclock import STEP_NS, OwnClock
+from radron.agent.owntime import Utc
 
 MS = 1_000_000
 

@@ -13,7 +13,7 @@ from radron.agent.detector.drivers.feed import FeedDetector
 from radron.agent.detector.drivers.t3pa import RecordedDetector
 from radron.agent.detector.readout import Detector
 from radron.agent.errors import ConfigError
-from radron.agent.owntime import OwnClock
+from radron.agent.ownclock import OwnClock
 from radron.agent.plugins import entry_point, made
 
 DRIVERS = ("none", "feed", "t3pa", "pypixet")  # of this package
