@@ -68,6 +68,12 @@ class Readout(Struct, frozen=True):
     lost_hits: int = 0
     repaired_hits: int = 0
 
+    def moved(self, by_ns: int) -> Readout:
+        """Return the same readout with all times later by ``by_ns``."""
+        if by_ns == 0:
+            return self
+        return replace(self, start_ns=self.start_ns + by_ns, end_ns=self.end_ns + by_ns, clock_ns=self.clock_ns + by_ns)
+
 
 def shed(readout: Readout, most: int) -> Readout:
     """Shorten a readout (pixel hits of one interval) so that it has at most ``most`` hits, for a computer that cannot keep up;

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from radron.agent.config.drone import DetectorConfig
 from radron.agent.detector.drivers.feed import FeedDetector
+from radron.agent.detector.drivers.inutc import DetectorInUtc
 from radron.agent.detector.drivers.t3pa import RecordedDetector
 from radron.agent.detector.readout import Detector
 from radron.agent.errors import ConfigError
@@ -44,7 +45,7 @@ def open_detector(config: DetectorConfig, clock: OwnClock | None = None) -> Dete
             return None
         case name:
             detector: Detector = made("detector", entry_point("detector", name, "detector.driver", DRIVERS), config, _MEMBERS)
-            return detector
+            return DetectorInUtc(detector, clock)
 
 
 def _needed(value: str | None, driver: str, key: str) -> str:

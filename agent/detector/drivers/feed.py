@@ -6,8 +6,6 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 
-from msgspec.structs import replace
-
 from radron.agent.detector.readout import Readout
 from radron.agent.detector.wire import Unpacker
 from radron.agent.errors import DetectorError
@@ -45,9 +43,9 @@ class FeedDetector:
     async def readouts(self) -> AsyncIterator[Readout]:
         """Yield the camera's readouts (pixel hits of one interval) as they arrive, until ``close`` is called."""
         async for readout in self._feed.items():
-            start_ns, end_ns, clock_ns = map(self._utc.own_ns, (readout.start_ns, readout.end_ns, readout.clock_ns))
-            if self._fresh(end_ns):
-                yield replace(readout, start_ns=start_ns, end_ns=end_ns, clock_ns=clock_ns)
+            in_own_time = readout.moved(-self._utc.ahead_ns)
+            if self._fresh(in_own_time):
+                yield in_own_time
 
     def _decoder(self) -> Callable[[bytes], Iterator[Readout]]:
         unpacker = Unpacker()
@@ -61,8 +59,8 @@ class FeedDetector:
 
         return decode
 
-    def _fresh(self, end_ns: int) -> bool:
-        age_ns = self._clock_ns() - end_ns
+    def _fresh(self, readout: Readout) -> bool:
+        age_ns = self._clock_ns() - readout.end_ns
         if abs(age_ns) <= STALE_NS:
             self._flaw = None
             self.counters["readouts"] += 1
