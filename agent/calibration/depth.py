@@ -72,11 +72,10 @@ def _folded(shape: Array, drift_ns: float, blur_ns: float) -> Array:
 
 
 def depth_differences(line_kev: float, direction: Array) -> Array:
-    """Return the expected distribution (S,) of the depth difference between the two clusters of a coincidence, as share of the
-    thickness.
+    """Return the expected distribution of the depth difference between the two clusters of a coincidence (both of one photon).
 
-    Of photons that come from one direction, by a Monte Carlo calculation. line_kev: energy. direction: unit vector to the source,
-    camera frame.
+    It is a histogram (S,) over S shares of the sensor's thickness, for photons from one direction, by a Monte Carlo calculation.
+    line_kev: energy of the photons. direction: unit vector to the source, camera frame.
     """
     rng = np.random.default_rng(_SEED)
     photo, total = attenuation_arrays(np.array([line_kev]))
