@@ -187,7 +187,7 @@ def _geodetic_from_projected(name: str, crs: str, x: Array, y: Array) -> tuple[A
     try:
         from pyproj import Transformer  # noqa: PLC0415 -- optional: only grids in UTM need it
     except ImportError:
-        raise ConfigError(f"ground.grid: {name}: coordinates in {crs} need pyproj: {remedy('pyproj')}") from None
+        raise ConfigError(f"ground.grid: {name}: coordinates in {crs}: {remedy('pyproj')}") from None
     longitude, latitude = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(x, y)
     return latitude, longitude
 

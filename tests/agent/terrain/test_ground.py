@@ -274,7 +274,7 @@ def test_a_projection_that_is_not_known_is_an_error():
 
 def test_utm_without_pyproj_is_one_line_that_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyproj", None)
-    with pytest.raises(ConfigError, match=r"EPSG:32633 need pyproj: pip install 'radron\[geo\]'"):
+    with pytest.raises(ConfigError, match=r"EPSG:32633: pyproj is not installed: pip install 'radron\[geo\]'"):
         Ground.from_config(mission(grid(ascii_grid(slanting()), grid_crs="EPSG:32633"), DATUM))
 
 
