@@ -273,8 +273,7 @@ class Preflight:
             Pilot(self._mission, replace(self._drone, calibration=None), boot="0" * 16, nonce_key=b"")
         except RadronError as error:
             return Finding("mission", "failed", str(error))
-        over = "over soil" if self._mission.fusion.ground == "soil" else 'over an empty ground (fusion.ground = "none")'
-        text = f"{self._mission.name}, {self._mission.mission_id}, {len(self._mission.drones)} drones, {over}"
+        text = f"{self._mission.name}, {self._mission.mission_id}, {len(self._mission.drones)} drones, {_over(self._mission)}"
         return Finding("mission", "ok", text if self._force.notice is None else f"{text}; {self._force.notice}")
 
     def _state(self) -> Finding:
@@ -346,3 +345,11 @@ class Preflight:
         if now_s < _OLDEST_CLOCK_S:
             return Finding("clock", "failed", f"{text}: set it, or synchronise it to a time server")
         return Finding("clock", "ok", text)
+
+
+def _over(mission: MissionConfig) -> str:
+    """Return the ground that the mission states, and what this means for its sources."""
+    if mission.fusion.ground == "none":
+        return 'over an empty ground (fusion.ground = "none")'
+    lowest_m, highest_m = mission.source_height_m
+    return "over soil" if lowest_m == highest_m else "over soil: the errors of sources above the ground are larger than stated"

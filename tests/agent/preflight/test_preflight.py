@@ -72,6 +72,8 @@ def test_the_ground_that_the_mission_states(folder: Path) -> None:
     mission.write_text('fusion.ground = "soil"\n' + mission.read_text())
     over_soil = finding(folder, "mission")
     assert (over_soil.verdict, over_soil.text.split(", ")[-1]) == ("ok", "over soil")
+    mission.write_text('fusion.estimator = "sources"\nsource_height_m = [0.0, 5.0]\n' + mission.read_text())
+    assert finding(folder, "mission").text.endswith("over soil: the errors of sources above the ground are larger than stated")
 
 
 def test_folders_that_take_no_files(folder: Path) -> None:
