@@ -13,7 +13,9 @@ _READINGS = 3
 
 
 class OwnClock(Utc):
-    """The clock of a process: own time, and the lead of UTC by both clocks of the computer."""
+    """The clock of an agent's process, which gives a time that never jumps (own time), and finds steps of the computer's UTC
+    clock.
+    """
 
     def __init__(self, utc_ns: Callable[[], int] = time.time_ns, steady_ns: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__()
@@ -21,11 +23,14 @@ class OwnClock(Utc):
         self._begin_ns = self._lead_ns()
 
     def now_ns(self) -> int:
-        """Return the own time now."""
+        """Return the present own time (ns): UTC at the start of the process, and from then on the monotonic clock."""
         return self._steady_ns() + self._begin_ns
 
     def look(self) -> int:
-        """Read both clocks, and return the lead of UTC; less than ``STEP_NS`` is no step."""
+        """Read both clocks of the computer, and return the time (ns) by which UTC is ahead of own time.
+
+        A difference of less than ``STEP_NS`` since the last reading does not count as a step of the clock.
+        """
         ahead_ns = self._lead_ns() - self._begin_ns
         if abs(ahead_ns - self.ahead_ns) > STEP_NS:
             self.ahead_ns = ahead_ns

@@ -16,19 +16,22 @@ M = TypeVar("M", bound=Message)
 
 
 class Utc:
-    """UTC by the clock of an agent's computer. ``ahead_ns``: its lead over own time, the sum of its steps since the start."""
+    """Converts between an agent's own time, which never jumps, and UTC by its computer's clock, which may be set during a flight.
+
+    ``ahead_ns``: time by which UTC is ahead of own time, the sum of the steps of the computer's clock since the agent's start.
+    """
 
     def __init__(self) -> None:
         self.ahead_ns = 0
 
     def of(self, own_ns: int) -> int:
-        """Return the UTC of an own time."""
+        """Convert an own time (ns) to UTC (ns)."""
         return own_ns + self.ahead_ns
 
     def own_ns(self, utc_ns: int) -> int:
-        """Return the own time of a UTC."""
+        """Convert UTC (ns) to own time (ns)."""
         return utc_ns - self.ahead_ns
 
     def stamped(self, message: M) -> M:
-        """Return a message of this drone, made in own time, with its stamp in UTC; never before 1970."""
+        """Return a message of this drone with its time stamp converted from own time to UTC; never before 1970."""
         return replace(message, stamp_ns=max(0, self.of(message.stamp_ns))) if self.ahead_ns else message

@@ -135,8 +135,10 @@ class Pilot:
         )
 
     def observe_clock(self, ahead_ns: int, now_ns: int) -> None:
-        """Take the lead of UTC, by the clock of this drone's computer, over own time: 0 at first, and another after each step of
-        that clock. After a step the peers are told at once: the next status has a stamp by the new time.
+        """Take the time (ns) by which UTC, by the computer's clock, is ahead of the agent's own time, which never jumps.
+
+        It is 0 at first, and another value after each step of the computer's clock. After a step the other drones are told at
+        once: the next status has a stamp by the new time.
         """
         if ahead_ns == self._utc.ahead_ns:
             return
