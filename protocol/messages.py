@@ -1,7 +1,8 @@
 """Typed messages; units are in the names, limits in ``units``.
 
 World frames are ENU, body frames FLU (REP-103). Positions refer to the publisher's own local frame of the given ``epoch`` (a new
-epoch begins at a jump of the localisation); only ``Estimate`` and ``Frame`` refer to the mission frame. Quaternions are (w, x, y,
+epoch begins at a jump of the localisation); only ``Estimate``, ``Frame``, and the home and alternative frame of a ``Pose`` refer
+to the mission frame. Quaternions are (w, x, y,
 z), local from body. Times are integer nanoseconds UTC.
 
 Two families:
@@ -60,6 +61,7 @@ MOST_EXCLUDED = 64  # nuclides of an estimate
 MAX_ORDER_AGE_NS = 5_000_000_000  # of a command or an upload, from the operator's order to a drone's execution
 Becquerels = Annotated[float, Meta(ge=0.0, le=1e18)]
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+SilenceNs = Annotated[int, Meta(ge=0, le=2**62)]
 Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
 
 
@@ -89,13 +91,26 @@ class Action(StrEnum):
     ABORT = "abort"
 
 
+class Alternative(Struct, frozen=True, array_like=True):
+    """The local frame by the other explanation of an unannounced jump: the transform mission <- local, as in ``Frame``."""
+
+    translation_m: Position
+    yaw_rad: Radians
+
+
 class Pose(DroneMessage, frozen=True, kw_only=True):
     """A drone's position, velocity and attitude by its own localisation (satellites or SLAM).
 
     The position and the velocity refer to the drone's local frame of this ``epoch`` (a new epoch begins at a jump of the
     localisation); the quaternion (w, x, y, z) rotates from the body to the local frame. ``position_sigma_m`` and
     ``yaw_sigma_rad`` are 1-sigma errors. ``steered``: the vehicle follows its published plans; false while a pilot, a failsafe or
-    the autopilot alone flies the vehicle. ``in_air``: false after the autopilot has detected the landing.
+    the autopilot alone flies the vehicle. ``in_air``: false after the autopilot has detected the landing. ``stage``: of the
+    drone's mission; left out in older records.
+
+    ``silences_ns``, the table of contacts: the time without a pose of each other drone, up to this pose: since the last one, or,
+    for a drone never heard that may fly, since it has been expected. With it both drones of a link know both directions.
+    ``home_m``: where a return ends, with or without the agent, mission frame; left out while unknown. ``alternative``: of a drone
+    with an exactly known frame, after a jump, until one explanation is left; its uncertainty includes the distance of the two.
     """
 
     epoch: Epoch
@@ -107,6 +122,10 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
     clock_sigma_m: PositiveMetres = 0.0  # part of position_sigma_m that the drone's clock error causes by its motion
     steered: bool = True
     in_air: bool = True
+    stage: Stage | UnsetType = UNSET
+    silences_ns: Annotated[dict[DroneId, SilenceNs], Meta(max_length=64)] = field(default_factory=dict)
+    home_m: Position | UnsetType = UNSET
+    alternative: Alternative | UnsetType = UNSET
 
     def flaw(self) -> str | None:
         """Return an error text if the norm of the quaternion differs from 1; else None."""
@@ -116,14 +135,12 @@ class Pose(DroneMessage, frozen=True, kw_only=True):
 class Plan(DroneMessage, frozen=True, kw_only=True):
     """The positions at which a drone intends to be next: its predicted trajectory, for collision avoidance by the other drones.
 
-    ``positions_m``: at ``stamp_ns``, then every ``step_ns``, in the drone's local frame of this ``epoch``. ``unheard``: drones
-    that may be in the air but have no link to this drone, so that the plan takes no account of their messages; left out if empty.
+    ``positions_m``: at ``stamp_ns``, then every ``step_ns``, in the drone's local frame of this ``epoch``.
     """
 
     epoch: Epoch
     step_ns: PlanStepNs
     positions_m: Annotated[tuple[Position, ...], Meta(min_length=1, max_length=64)]
-    unheard: Annotated[tuple[DroneId, ...], Meta(max_length=64)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
         """Return an error text if two successive positions imply a speed above 200 m/s; else None."""

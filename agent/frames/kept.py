@@ -41,7 +41,7 @@ class KeptFrame(KeptTransform, frozen=True, kw_only=True):
     """The local frame of one epoch (period without a jump of the localisation) of a drone, as stored for a restarted agent.
 
     ``stamp_ns``: time for which the transform holds (0: stored by an older release). ``otherwise``: the same frame by the other
-    explanation of a jump (``localization.knownframe``); None: there is no such doubt.
+    explanation of a jump of the own localisation (``localization.knownframe``); None: there is no such doubt.
     """
 
     epoch: int

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import MissionConfig
 from radron.agent.fusion.estimator import Hypothesis
+from radron.agent.geometry import Vector3
 from radron.agent.localization.clocks import Clocks
 from radron.agent.localization.knownframe import LARGEST_DOUBT_M
 from radron.agent.localization.ownpose import OwnPose
@@ -163,6 +164,15 @@ class Executive:
         if vehicle is None or vehicle.in_air or self.stage not in ON_GROUND:
             return ()
         return self._navigator.passing(now_ns, vehicle, peers)
+
+    @property
+    def home_m(self) -> Vector3 | None:
+        """Where a return ends, mission frame; None while not known."""
+        return self._navigator.home.kept.place_m
+
+    def silences_ns(self, peers: Peers, stamp_ns: int) -> dict[str, int]:
+        """Return the time without a pose of each other drone at a stamp."""
+        return self._navigator.silences_ns(peers, stamp_ns)
 
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """Problems of this drone's flight for the operator, one line each."""

@@ -12,7 +12,7 @@ from radron.agent.frames.transform import Transform
 from radron.agent.fusion.engine import Fusion
 from radron.agent.fusion.estimator import Exclusion, Hypothesis
 from radron.agent.navigation.peers.newest import NEWS
-from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.codec import written
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import key_of
@@ -101,6 +101,7 @@ class Reporter:
         vehicle: VehicleState | None,
         frame: Transform | None,
         believed: Callable[[], Believed] | None,
+        pose: Callable[[VehicleState], Pose],
         status: Callable[[], Status],
     ) -> Iterator[Message]:
         """The messages that are due now.
@@ -110,10 +111,11 @@ class Reporter:
             vehicle: newest telemetry.
             frame: mission <- local of its epoch; published if estimated, for operators (agents have it from their logs).
             believed: the source estimate, called only when due; None without one.
+            pose: called with the telemetry, only when due.
             status: called only when due.
         """
         if vehicle is not None and self._is_due(Pose, now_ns):
-            yield self._pose(vehicle)
+            yield pose(vehicle)
         if vehicle is not None and frame is not None and frame.covariance is not None and self._is_due(Frame, now_ns):
             yield Frame(
                 stamp_ns=now_ns,
@@ -135,21 +137,6 @@ class Reporter:
             return False
         self._due_ns[kind] = max(self._due_ns[kind] + period_ns, now_ns - now_ns % period_ns + period_ns)
         return True
-
-    def _pose(self, vehicle: VehicleState) -> Pose:
-        return Pose(
-            stamp_ns=vehicle.stamp_ns,
-            drone=self._drone,
-            epoch=vehicle.epoch,
-            position_m=vehicle.position_m,
-            velocity_mps=vehicle.velocity_mps,
-            quaternion=vehicle.quaternion,
-            position_sigma_m=vehicle.stamped_sigma_m,
-            yaw_sigma_rad=vehicle.yaw_sigma_rad,
-            clock_sigma_m=vehicle.clock_sigma_m,
-            steered=vehicle.mode is FlightMode.OFFBOARD,
-            in_air=vehicle.in_air,
-        )
 
     def _estimate(self, now_ns: int, believed: Believed) -> Estimate:
         hypothesis, exclusion = believed.hypothesis, believed.exclusion

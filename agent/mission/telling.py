@@ -22,7 +22,8 @@ from radron.agent.mission.revoking import Revoking
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.sensing.camera import Camera
-from radron.protocol.messages import Failsafe, Reaction, Stage, Status
+from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.protocol.messages import Alternative, Failsafe, Pose, Reaction, Stage, Status
 from radron.protocol.stages import FLYING
 
 MISEXPOSED_NS = 30_000_000_000  # duration of the report of exposures that do not count
@@ -79,14 +80,36 @@ class Telling:
         frame, fusion, hypothesis = self._own.frame, self._world.fusion, self._world.fusion.hypothesis
         believed = partial(Believed.of, fusion, hypothesis) if hypothesis is not None else None
         placed = frame.mission_from_local if frame is not None else None
-        reports = self._reporter.due(now_ns, self._own.vehicle, placed, believed, partial(self._status, now_ns))
+        stage = self._executive.remembering.stage(now_ns)
+        pose_of, status_of = partial(self._pose, stage), partial(self._status, now_ns, stage)
+        reports = self._reporter.due(now_ns, self._own.vehicle, placed, believed, pose_of, status_of)
         for message in map(self._clocks.utc.stamped, (*self._revoking.due(now_ns), *reports)):
             if not isinstance(message, Status):
                 self._outbox.put(message)
             elif (status := self._outbox.sendable(message)) is not None:
                 self._outbox.put(self._proofs.signed_status(status))
 
-    def _status(self, now_ns: int) -> Status:
+    def _pose(self, stage: Stage, vehicle: VehicleState) -> Pose:
+        otherwise, home_m = self._own.otherwise, self._executive.home_m
+        return Pose(
+            stamp_ns=vehicle.stamp_ns,
+            drone=self._id,
+            epoch=vehicle.epoch,
+            position_m=vehicle.position_m,
+            velocity_mps=vehicle.velocity_mps,
+            quaternion=vehicle.quaternion,
+            position_sigma_m=vehicle.stamped_sigma_m,
+            yaw_sigma_rad=vehicle.yaw_sigma_rad,
+            clock_sigma_m=vehicle.clock_sigma_m,
+            steered=vehicle.mode is FlightMode.OFFBOARD,
+            in_air=vehicle.in_air,
+            stage=stage,
+            silences_ns=self._executive.silences_ns(self._peers, vehicle.stamp_ns),
+            home_m=UNSET if home_m is None else home_m,
+            alternative=UNSET if otherwise is None else Alternative(otherwise.translation, otherwise.yaw_rad),
+        )
+
+    def _status(self, now_ns: int, stage: Stage) -> Status:
         vehicle, obeyed, self.told = self._own.vehicle, self._orders.obeyed, self._look(now_ns)
         return Status(
             stamp_ns=now_ns,
@@ -94,7 +117,7 @@ class Telling:
             mission=self._mission_id,
             boot=self._boot,
             battery=vehicle.battery if vehicle is not None else None,
-            stage=self._executive.remembering.stage(now_ns),
+            stage=stage,
             counters=dict(self._counters),
             problems=self.told,
             finding=self._executive.finding,

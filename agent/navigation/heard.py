@@ -30,7 +30,6 @@ from radron.agent.frames.transform import Transform
 from radron.agent.motion.reference import PeerState
 from radron.agent.motion.separation import PeerPlan
 from radron.agent.navigation.myself import Self
-from radron.agent.navigation.peers.doubted import doubt_m as doubt_between_m
 from radron.agent.navigation.peers.following import Following
 from radron.agent.navigation.peers.newest import Peer
 from radron.agent.navigation.peers.placing import (
@@ -44,9 +43,9 @@ from radron.agent.navigation.peers.placing import (
     held,
     placed_by_sightings,
     planned,
+    sigma_of_either_m,
     sigma_of_m,
     speed_of_mps,
-    unexplained_m,
 )
 from radron.agent.navigation.peers.relative import offset, places
 from radron.agent.navigation.peers.theirframes import TheirFrames
@@ -69,13 +68,13 @@ class Other(Struct, frozen=True):
 
     @property
     def took_part(self) -> bool:
-        """Whether it took off, searched or tracked by its last status."""
-        return self.peer.status is not None and self.peer.status.stage in TAKING_PART
+        """Whether it took off, searched or tracked by its last message."""
+        return self.peer.stage in TAKING_PART
 
     @property
     def may_take_part(self) -> bool:
-        """Whether it took part or held by its last status."""
-        return self.peer.status is not None and self.peer.status.stage in MAY_TAKE_PART
+        """Whether it took part or held by its last message."""
+        return self.peer.stage in MAY_TAKE_PART
 
 
 class Heard:
@@ -125,7 +124,7 @@ class Heard:
             alone = placed_by_sightings(name, peer.sightings, speed_of_mps(pose), me.epoch, me.now_ns)
             if alone is not None and contradicts(alone, blind(name, pose, local_from_theirs, me.now_ns), sigma_m):
                 return replace(alone, blind=self._following.is_blind(name, peer, pose, me.now_ns))
-            otherwise = self._frames.elsewhere(name, pose, mission_from_theirs)
+            otherwise = self._frames.elsewhere(name, pose)
             sigma_m = hypot(me.place_sigma_m, sigma_of_either_m(pose, mission_from_theirs, otherwise))
         else:
             far = hypot(*seen.vector[:2]) > SIGMAS * hypot(sigma_m, seen.sigma_m)  # then the frames are wrong, not the sightings
@@ -159,8 +158,8 @@ class Heard:
         return held(other.name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
 
     def _by_its_localization(self, other: Other, local_from_mission: Transform, now_ns: int) -> PeerPlan | None:
-        """Return the position if the localisation after a jump is right; exactly known frame; None without a jump."""
-        frame = self._frames.elsewhere(other.name, other.pose, other.mission_from_theirs)
+        """Return the position if the localisation after a jump is right; None without a jump."""
+        frame = self._frames.elsewhere(other.name, other.pose)
         return None if frame is None else blind(other.name, other.pose, local_from_mission @ frame, now_ns)
 
     def _by_other_stories(self, other: Other, local_from_mission: Transform, now_ns: int) -> Iterator[PeerPlan]:
@@ -182,11 +181,3 @@ class Heard:
 def between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:
     """Return the 1 sigma of the distance to a drone, up to the limit of separation."""
     return min(hypot(me.place_sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)
-
-
-def sigma_of_either_m(pose: Pose, mission_from_theirs: Transform, otherwise: Transform | None) -> float:
-    """Return the 1 sigma of a drone's position, of either hypothesis if there are two. ``otherwise``: its frame if its
-    localisation after a jump is right; None without a jump.
-    """
-    doubt_theirs_m = 0.0 if otherwise is None else doubt_between_m(pose, mission_from_theirs, otherwise)
-    return unexplained_m(sigma_of_m(pose, mission_from_theirs), doubt_theirs_m)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from math import dist
 
-from msgspec import UNSET
 from shapely import Polygon
 
 from radron.agent.config.drone import DroneConfig
@@ -138,6 +137,10 @@ class Navigator:
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
         """Return the knowledge about flying drones, certain or possible, for a restart of the agent in flight."""
         return self._neighbourhood.last_news(peers, now_ns)
+
+    def silences_ns(self, peers: Peers, stamp_ns: int) -> dict[str, int]:
+        """Return the time without a pose of each other drone at a stamp."""
+        return self._neighbourhood.silences_ns(peers, stamp_ns)
 
     def remember(self, frames: Mapping[str, KeptFrame], others: Mapping[str, LastNews]) -> None:
         """Restore the stored data from before a restart of the agent: plausible frames, and messages of the other drones."""
@@ -283,12 +286,11 @@ class Navigator:
         return self._own.motion_at(stamp_ns) if stamp_ns >= took_part_ns + SILENT_NS else None
 
     def _published(self, made: TrackerPlan, epoch: int) -> Plan:
-        """Return the message, with the drones not heard: for them a peer on its way home continues in its altitude layer."""
+        """Return the message."""
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,
             epoch=epoch,
             step_ns=round(made.step_s * 1e9),
             positions_m=tuple(map(tuple, made.positions.tolist())),
-            unheard=self._neighbourhood.unheard or UNSET,
         )

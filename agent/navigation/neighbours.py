@@ -7,14 +7,14 @@ measurements of that peer in the log. It counts as missing, like a lost peer, or
 sighting of its flight gives its position.
 
 A peer with an exactly known frame and an unannounced jump of its localisation has two position hypotheses. Separation is kept
-from both; and as seen from both, if this drone has jumped (``doubted``). The same holds for a steered peer with a contradiction
-between poses and plans: one of them is false. After landing, it may stand at the end of its last plan. A peer with a jump during
-a lost link may have returned meanwhile (``heardagain``).
+from both; and as seen from both, if this drone has jumped (``TheirFrames.elsewhere``). The same holds for a steered peer with a
+contradiction between poses and plans: one of them is false. After landing, it may stand at the end of its last plan. A peer with
+a jump during a lost link may have returned meanwhile (``heardagain``).
 
 For a flying peer with a lost link, separation is kept from its position by sightings, or else from all possible ones
 (``silent``). Its plan of up to two seconds ago counts as well: messages may only be lost, or late. If it circled, it stands at
-the end of that plan until it leaves. A one-way peer lists this drone as not heard in its plans; it never gives way, and does not
-take part.
+the end of that plan until it leaves. A one-way peer reports with its poses that this drone is silent; it never gives way, and
+does not take part.
 """
 
 from __future__ import annotations
@@ -27,23 +27,27 @@ from msgspec.structs import replace
 
 from radron.agent.config.mission import MissionConfig
 from radron.agent.frames.graph import FrameGraph
-from radron.agent.localization.clocks import HEARD_NS
 from radron.agent.motion.separation import PeerPlan
-from radron.agent.navigation.heard import Heard, Other, between_sigma_m, sigma_of_either_m
+from radron.agent.navigation.heard import Heard, Other, between_sigma_m
 from radron.agent.navigation.myself import Self
 from radron.agent.navigation.peers.following import Following
 from radron.agent.navigation.peers.newest import OLDEST_NS, Peer, Peers
-from radron.agent.navigation.peers.placing import WORST_SIGMA_M, bare, placed_by_sightings, planned, speed_of_mps
-from radron.agent.navigation.peers.sources import RECENT_NS
+from radron.agent.navigation.peers.placing import (
+    WORST_SIGMA_M,
+    bare,
+    placed_by_sightings,
+    planned,
+    sigma_of_either_m,
+    speed_of_mps,
+)
 from radron.agent.navigation.peers.theirframes import TheirFrames
 from radron.agent.navigation.unheard.absence import Absence
-from radron.agent.navigation.unheard.contact import SILENT_NS, Circle, Contact
-from radron.agent.navigation.unheard.heardagain import HeardAgain
+from radron.agent.navigation.unheard.contact import QUIET_NS, SILENT_NS, LinkState, link_state
+from radron.agent.navigation.unheard.heardagain import follow, further_plans
 from radron.agent.navigation.unheard.lastnews import LastNews
 from radron.agent.navigation.unheard.relayed import LEAVING_NS
-from radron.agent.navigation.unheard.silent import QUIET_NS, Silent
+from radron.agent.navigation.unheard.silent import Silent
 from radron.agent.navigation.unheard.viewer import Viewer
-from radron.protocol.messages import Stage
 from radron.protocol.stages import CIRCLING
 
 # Distance below which two positions of a drone are one: steering has room for three half-planes in each step.
@@ -64,7 +68,7 @@ class Neighbourhood:
 
     ``absence``: consequences of missing drones, as of the last ``around``; None without missing drones, and without a lost peer
     that returns while this drone does. ``listens``: for less than a second this drone has known of drones that may fly, and were
-    never heard. ``unheard``: drones with a lost link that may fly, also on their way home.
+    never heard.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -72,44 +76,36 @@ class Neighbourhood:
         self.frames = TheirFrames(mission, frames)
         self._following = Following()
         self._heard = Heard(mission, self.frames, self._following)
-        self._silent, self._heard_again = Silent(mission, drone), HeardAgain()
+        self._silent = Silent(mission, drone)
+        self._beliefs = self._silent.beliefs
         self._id, self._fastest_mps = drone, mission.limits.speed_mps
-        # Stage of each peer with a two-way link, and the circle of this drone then.
-        self._while_heard: dict[str, tuple[Stage, Circle | None]] = {}
-        self._unheard_ns: dict[str, int] = {}  # drones never heard: first stamp at which they may fly
-        self._before: dict[str, LastNews] = {}  # messages from before a restart of this agent, of drones without a link since
         self.absence: Absence | None = None
-        self.listens, self.unheard = False, tuple[str, ...]()
+        self.listens = False
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
         """Return the knowledge about flying drones, certain or possible, for a restart of this agent in flight."""
         found = {}
         for name in peers.names:
-            told = peers[name].last_news(now_ns)
-            if told is None:
-                continue
-            pose, status = told
-            news = LastNews.of(pose, status, self._silent.wall(name, pose.stamp_ns), peers[name].launch)
-            if news is not None:
-                found[name] = news
-        return self._before | found
+            pose = peers[name].last_pose(now_ns)
+            line, before = self._beliefs[name].line, self._beliefs[name].before
+            news = LastNews.of(pose, None if line is None else line.wall) if pose is not None else None
+            if (kept := news or before) is not None:
+                found[name] = kept
+        return found
 
     def remember(self, before: Mapping[str, LastNews]) -> None:
         """Restore the knowledge about the other drones from before a restart of this agent."""
-        self._before = dict(before)
+        for name, belief in self._beliefs.items():
+            belief.before = before.get(name)
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """Return all drones in the air with a known position, by id; then as seen from the alternative position of this drone."""
-        if not me.resumed:
-            self._before.clear()
         found, missing = self._seen_from(peers, me)
-        unheard = [name for name in self._unheard_ns if peers[name].pose is None and not peers[name].is_on_ground(me.now_ns)]
-        self.listens = any(0 <= me.now_ns - self._unheard_ns[name] < SILENT_NS for name in unheard)
+        links = {name: link_state(peers[name], self._id, me.now_ns, revoked=me.revoked) for name in peers.names}
+        self.listens = any(link is LinkState.NEVER_HEARD and self._is_expected(name, me.now_ns) for name, link in links.items())
         partners = [one.id for one in found if one.takes_part]
-        returning = self._silent.returning(peers, me.now_ns)
-        misses = missing or (me.returning_s is not None and returning)
-        self.absence = self._silent.absence(missing, partners, peers, me.now_ns) if misses else None
-        self.unheard = (*(self.absence.unheard if self.absence is not None else ()), *returning)
+        misses = missing or (me.returning_s is not None and self._silent.returning(peers, links, me.now_ns))
+        self.absence = self._silent.absence(missing, partners, peers, links, me.now_ns) if misses else None
         if (elsewhere := me.elsewhere()) is not None:
             others, _ = self._seen_from(peers, elsewhere)
             new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]
@@ -131,104 +127,92 @@ class Neighbourhood:
 
     def _one(self, name: str, peer: Peer, me: Self) -> tuple[list[Neighbour], bool]:
         """Return one drone, at each possible position; and whether it is missing."""
-        if peer.is_on_ground(me.now_ns):
-            self._before.pop(name, None)
-            self._forget(name)
+        belief, link = self._beliefs[name], link_state(peer, self._id, me.now_ns, revoked=me.revoked)
+        if link is LinkState.NEVER_HEARD and belief.before is not None and me.resumed and self._is_missing(name, me):
+            self._recall(name, peer, belief.before, me.now_ns)
+            link = link_state(peer, self._id, me.now_ns, revoked=me.revoked)
+        if link is not LinkState.NEVER_HEARD or not me.resumed:
+            belief.before = None
+        if link is LinkState.ON_GROUND or peer.pose is None:
+            belief.forget()
+            belief.silence = None
+        if link is LinkState.ON_GROUND:
             return [], False
-        if peer.launch is None and name in self._before:
-            peer.launch = self._before[name].launch
-        if peer.pose is None and name in self._before and self._is_missing(name, me):
-            self._recall(name, peer, me.now_ns)
         if peer.pose is None:
-            self._forget(name)
             return list(self._of_unknown(name, peer, me)), self._is_missing(name, me)
-        self._before.pop(name, None)
         self._following.compare(name, peer, peer.pose)
         other = Other(name, peer, peer.pose, self.frames.of(name, peer.pose))
-        if me.now_ns - peer.pose.stamp_ns <= SILENT_NS:
-            return self._of_heard(other, me)
-        is_missing = other.may_take_part or (peer.status is None and me.may_fly(name))
+        if link is not LinkState.LOST:
+            return self._of_heard(other, me, is_one_way=link is LinkState.ONE_WAY)
+        is_missing = other.may_take_part or (peer.stage is None and me.may_fly(name))
         return list(self._of_silent(other, me)), is_missing
 
-    def _forget(self, name: str) -> None:
-        """Forget a drone on the ground, or without a position so far."""
-        self._silent.forget(name)
-        self._heard_again.forget(name)
-
-    def _of_heard(self, other: Other, me: Self) -> tuple[list[Neighbour], bool]:
+    def _of_heard(self, other: Other, me: Self, *, is_one_way: bool) -> tuple[list[Neighbour], bool]:
         """Return a heard drone at each possible position; it is missing if it does not hear this drone."""
         name, pose = other.name, other.pose
-        is_carried = name in self.frames.epochs
-        self._heard_again.follow(name, pose.stamp_ns, self._silent.agentless(name), is_carried=is_carried)
-        apart: list[PeerPlan] | None = []
-        if me.revoked:  # a return needs no separation line
-            self._silent.ignores(name)
+        belief = self._beliefs[name]
+        follow(belief, pose.stamp_ns, is_carried=name in self.frames.epochs)
+        found: list[Neighbour] = []
+        if not is_one_way:
+            belief.forget()
         else:
-            apart = self._unhearing(other, me)
-        if apart is None:
-            self._silent.forget(name)
-        found = [Neighbour(name, one, False) for one in apart or ()]
+            belief.heard()
+            found += [] if me.revoked else self._beyond_line(other, me)  # a return needs no separation line
         plan = self._heard.by_frames(other, me)
-        takes_part = other.took_part and plan is not None and apart is None
+        takes_part = other.took_part and plan is not None and not is_one_way
         plan = plan or self._heard.without_frames(other, me)
         if plan is not None:
-            followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or apart is not None)
+            followed = replace(plan, deviation_m=self._following.deviation_m(name), blind=plan.blind or is_one_way)
             found.append(Neighbour(name, followed, takes_part))
         found += self._of_unplaced(name, inf if plan is None else plan.sigma_m, me)
         found += (Neighbour(name, place, False) for place in (*self._heard.elsewhere(other, me), *self._stop(other, me)))
-        return found, other.may_take_part and apart is not None
+        return found, other.may_take_part and is_one_way
 
     def _of_unplaced(self, name: str, sigma_m: float, me: Self) -> Iterator[Neighbour]:
         """Return further positions of a peer with a new link and an uncertain place (``heardagain``), by its error (1 sigma)."""
         if me.local_from_mission is not None and sigma_m >= WORST_SIGMA_M:
-            for one in self._heard_again.plans(name, me.viewer(me.local_from_mission)):
+            for one in further_plans(self._beliefs[name], name, me.viewer(me.local_from_mission)):
                 yield Neighbour(name, one, False)
 
-    def _unhearing(self, other: Other, me: Self) -> list[PeerPlan] | None:
-        """Return the side left to a one-way peer; None for a two-way link, according to its plans."""
-        name, pose, plan, status = other.name, other.pose, other.peer.plan, other.peer.status
-        known = self._silent.last_contact(name)
-        if known is not None and not _hears(other.peer, self._id, known.stamp_ns):
-            return self._apart(other, known, me)
-        if known is not None or plan is None or not isinstance(plan.unheard, tuple) or self._id not in plan.unheard:
-            if status is not None:
-                self._while_heard[name] = status.stage, me.circle
-            return None
-        is_known = self._silent.is_unhearing(name)
-        if not is_known and me.now_ns - plan.stamp_ns > RECENT_NS:
-            return None
-        if status is None or other.mission_from_theirs is None:
-            return [] if is_known else None
-        stamp_ns = plan.stamp_ns - SILENT_NS  # the stamp at which it noticed, less the delay of noticing
-        poses = (one for one in other.peer.poses if one.epoch == pose.epoch)
-        last = min(poses, key=lambda one: abs(one.stamp_ns - stamp_ns), default=pose)
-        stage, circle = self._while_heard.get(name, (status.stage, me.circle))
-        mine = me.motion_at(last.stamp_ns)
-        contact = self._silent.contact(name, other.peer, last, bare(other.mission_from_theirs), stage, circle, mine)
-        return self._apart(other, contact, me)
-
-    def _apart(self, other: Other, contact: Contact, me: Self) -> list[PeerPlan]:
-        """Return the side left to a peer that has not heard this drone since this contact."""
-        frame = other.mission_from_theirs
-        sigma_m = WORST_SIGMA_M if frame is None else between_sigma_m(other.pose, frame, me)
+    def _beyond_line(self, other: Other, me: Self) -> list[Neighbour]:
+        """Return the side left to a one-way peer."""
+        name, pose, frame = other.name, other.pose, other.mission_from_theirs
+        sigma_m = WORST_SIGMA_M if frame is None else between_sigma_m(pose, frame, me)
         viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
-        return self._silent.unhearing(other.name, contact, sigma_m, viewer)
+        plans = self._silent.beyond_line(name, other.peer, pose, None if frame is None else bare(frame), sigma_m, viewer)
+        return [Neighbour(name, plan, False) for plan in plans]
+
+    def silences_ns(self, peers: Peers, stamp_ns: int) -> dict[str, int]:
+        """Return the time without a pose of each other drone at a stamp; of drones never heard, since they have been expected."""
+        poses = {name: peers[name].pose for name in peers.names}
+        since_ns = {name: self._beliefs[name].expected_ns if pose is None else pose.stamp_ns for name, pose in poses.items()}
+        return {name: max(0, stamp_ns - one_ns) for name, one_ns in since_ns.items() if one_ns is not None}
 
     def obeys(self, name: str, now_ns: int) -> None:
         """Note that a revoked drone obeys, and is on its way home."""
-        self._silent.obeys(name, now_ns)
+        belief = self._beliefs.get(name)
+        if belief is not None and belief.obeys_ns is None:
+            belief.obeys_ns = now_ns
 
     def _is_missing(self, name: str, me: Self) -> bool:
         """Whether a drone never heard has been able to fly for long enough: its measurements may precede its first pose."""
-        return me.may_fly(name) and not 0 <= me.now_ns - self._unheard_ns.setdefault(name, me.now_ns) < SILENT_NS
+        if not me.may_fly(name):
+            return False
+        belief = self._beliefs[name]
+        belief.expected_ns = me.now_ns if belief.expected_ns is None else belief.expected_ns
+        return not self._is_expected(name, me.now_ns)
 
-    def _recall(self, name: str, peer: Peer, now_ns: int) -> None:
+    def _is_expected(self, name: str, now_ns: int) -> bool:
+        """Whether a drone never heard has been able to fly for less than a second."""
+        expected_ns = self._beliefs[name].expected_ns
+        return expected_ns is not None and 0 <= now_ns - expected_ns < SILENT_NS
+
+    def _recall(self, name: str, peer: Peer, news: LastNews, now_ns: int) -> None:
         """Restore the last messages of a drone without a link since a restart of this agent; its frame is known from before."""
-        news = self._before[name]
         if self.frames.of(name, news.pose) is not None:
-            pose, status = news.told_before(now_ns - SILENT_NS - 1)
-            peer.recall(pose, status)
-            self._silent.recall(name, pose.stamp_ns, news.wall)
+            pose = news.pose_before(now_ns - SILENT_NS - 1)
+            peer.recall(pose)
+            self._silent.recall(name, pose, news.wall)
 
     def follow(self, peers: Peers) -> None:
         """Update the frames of the other drones while this drone plans nothing: a jump is bridged only as it happens."""
@@ -259,10 +243,10 @@ class Neighbourhood:
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
         fastest_mps = max(self._fastest_mps, speed_of_mps(pose))
         if (seen := placed_by_sightings(name, recent, fastest_mps, me.epoch, me.now_ns, former=True)) is not None:
-            self._heard_again.forget(name)
+            self._beliefs[name].silence = None
             if viewer is None or self._silent.seen(name, pose.stamp_ns, seen, viewer):
                 yield Neighbour(name, replace(seen, blind=True), False)
-        elif (peer.status is not None or me.may_fly(name)) and viewer is not None:
+        elif (peer.stage is not None or me.may_fly(name)) and viewer is not None:
             yield from self._of_unseen(other, viewer, me)
 
     def _of_unseen(self, other: Other, viewer: Viewer, me: Self) -> Iterator[Neighbour]:
@@ -270,12 +254,11 @@ class Neighbourhood:
         name, peer, pose, frame = other.name, other.peer, other.pose, other.mission_from_theirs
         if frame is None:
             return
-        otherwise = self.frames.elsewhere(name, pose, frame)
+        otherwise = self.frames.elsewhere(name, pose)
         frames = [bare(one) for one in (frame, otherwise) if one is not None]
         sigma_m = min(hypot(me.place_sigma_m, sigma_of_either_m(pose, frame, otherwise)), WORST_SIGMA_M)
         plans = self._silent.plans(name, peer, pose, frames, sigma_m, viewer)
-        circled = peer.status is not None and peer.status.stage in CIRCLING
-        oldest_ns = LEAVING_NS if circled else OLDEST_NS
+        oldest_ns = LEAVING_NS if peer.stage in CIRCLING else OLDEST_NS
         if (last := self._following.plan(name, peer, pose, me.now_ns, oldest_ns)) is not None:
             plans += [planned(name, last, viewer.local_from_mission @ one, sigma_m, me.now_ns) for one in frames]
         yield from (Neighbour(name, plan, False) for plan in plans)
@@ -288,23 +271,6 @@ class Neighbourhood:
         if me.now_ns - other.pose.stamp_ns >= QUIET_NS + other.peer.usual_delay_ns:
             frame, viewer = bare(other.mission_from_theirs), me.viewer(me.local_from_mission)
             yield self._silent.stop(other.name, other.peer, other.pose, frame, viewer)
-
-
-def _hears(peer: Peer, me: str, contact_ns: int) -> bool:
-    """Whether a drone has reported since the last contact that it hears this one, ``me``. Source: its newest plan, or its status
-    if it publishes no plans any more.
-
-    After a silence the first pose arrives before any newer plan or status. An older report proves nothing. If it counted, only
-    this side would forget the last contact, and with it the separation line. A plan lists the drones not heard for a second, a
-    status the drones heard in the last three.
-    """
-    plan, status = peer.plan, peer.status
-    newest_ns = contact_ns if plan is None else max(contact_ns, plan.stamp_ns)
-    if status is not None and status.stamp_ns > newest_ns + HEARD_NS:
-        return me in status.delays_ns
-    if plan is None or plan.stamp_ns <= contact_ns + SILENT_NS:
-        return False
-    return not isinstance(plan.unheard, tuple) or me not in plan.unheard
 
 
 def _is_same(one: Neighbour, other: Neighbour, now_ns: int) -> bool:

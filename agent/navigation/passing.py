@@ -25,8 +25,7 @@ def passing(position_m: Vector3, others: Iterable[Neighbour], peers: Peers, sepa
     """Return the ids of ``others`` that are, or will be within two seconds, too near to a position in the same frame."""
     found = []
     for other in others:
-        status, state = peers[other.id].status, other.plan.measured
-        stage = status.stage if status is not None else None
+        stage, state = peers[other.id].stage, other.plan.measured
         if state is None or stage is Stage.TAKEOFF:
             continue
         doubt_m = other.plan.doubt_m + min(DOUBT_SIGMAS * other.plan.sigma_m, _MOST_DOUBT_M)

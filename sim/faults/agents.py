@@ -230,15 +230,15 @@ class OldCommand(Fault, frozen=True, kw_only=True, tag="old-command"):
         return "for_s: the commands come when they come; remove it" if self.for_s is not None else None
 
 
-Said = Literal["pose", "plan", "cone", "counts", "sighting"]
+Said = Literal["pose", "plan", "cone", "counts", "sighting", "stage", "contacts", "home", "alternative"]
 
 
 class Lie(Fault, frozen=True, kw_only=True, tag="lie"):
     """The affected drones publish false messages of one kind under valid signatures.
 
-    ``what``: the kind of message. ``how``: ``false`` (positions shifted by ``shift_m``, cones turned, counts multiplied by
-    ``factor``); ``replayed``: true messages of ``ago_s`` before, under new stamps; ``mistimed``: true messages with stamps wrong
-    by ``ago_s``.
+    ``what``: the kind of message, or a field of the poses. ``how``: ``false`` (positions shifted by ``shift_m``, cones turned,
+    counts multiplied by ``factor``, every stage ``landing``, lost links two-way and the others lost); ``replayed``: true
+    messages of ``ago_s`` before, under new stamps; ``mistimed``: true messages with stamps wrong by ``ago_s``.
     """
 
     family: ClassVar[Family] = "liar"

@@ -10,12 +10,13 @@ from collections import defaultdict
 from collections.abc import Sequence
 from math import cos, pi, sin
 
+from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from radron.protocol.codec import decode_from, encode
 from radron.protocol.entries import Cone, Counts, Entry, Exposure, Sighting
 from radron.protocol.errors import ProtocolError
-from radron.protocol.messages import AnyMessage, Plan, Pose
+from radron.protocol.messages import Alternative, AnyMessage, Plan, Pose, Stage
 from radron.protocol.signing import Sign, sign_entries
 from radron.sim.faults.agents import Lie
 from radron.sim.faults.base import Fault
@@ -23,7 +24,18 @@ from radron.sim.faults.poisoners import Poisoners
 from radron.sim.faults.schedule import Active, Schedule
 from radron.sim.geometry import Vector3
 
-KIND_OF = {"pose": "pose", "plan": "plan", "cone": "cone", "counts": "exposure", "sighting": "sighting"}
+KIND_OF = {
+    "pose": "pose",
+    "plan": "plan",
+    "cone": "cone",
+    "counts": "exposure",
+    "sighting": "sighting",
+    "stage": "pose",
+    "contacts": "pose",
+    "home": "pose",
+    "alternative": "pose",
+}
+_LOST_NS = 1_000_000_000  # silence from which on a link is lost
 
 
 class Liars:
@@ -103,11 +115,21 @@ def _renewed(old: AnyMessage, present: AnyMessage) -> AnyMessage:
 def falsified(message: AnyMessage, lie: Lie, angle: float) -> AnyMessage:
     """Return a false version of a message.
 
-    Positions are shifted in one direction, cones and sightings turned about the vertical, counts multiplied. ``angle``: direction
-    of the shift, or angle of the turn, radians.
+    Positions are shifted in one direction, cones and sightings turned about the vertical, counts multiplied; or a pose gets
+    another stage, home or alternative frame, or the opposite contacts. ``angle``: direction of the shift, or angle of the turn,
+    radians.
     """
     shift = lie.shift_m * cos(angle), lie.shift_m * sin(angle), 0.0
     match message:
+        case Pose() if lie.what == "stage":
+            return replace(message, stage=Stage.LANDING)
+        case Pose() if lie.what == "contacts":
+            silences_ns = {name: 10 * _LOST_NS if for_ns <= _LOST_NS else 0 for name, for_ns in message.silences_ns.items()}
+            return replace(message, silences_ns=silences_ns)
+        case Pose() if lie.what == "home":
+            return replace(message, home_m=UNSET if isinstance(message.home_m, UnsetType) else _sum(message.home_m, shift))
+        case Pose() if lie.what == "alternative":
+            return replace(message, alternative=Alternative(shift, angle))
         case Pose():
             return replace(message, position_m=_sum(message.position_m, shift))
         case Plan():

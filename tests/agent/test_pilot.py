@@ -7,6 +7,7 @@ import pytest
 import schema_messages
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import UNSET
 from msgspec.structs import replace
 from one_pilot import (
     AREA,
@@ -379,3 +380,19 @@ def test_a_search_that_is_to_continue_tells_its_finding_and_goes_on():
     one, statuses = searching(SurveyConfig(duration_s=5.0, then="continue"), 8)
     assert statuses[-1].finding.startswith("nothing found")
     assert one.stage is Stage.SURVEY
+
+
+def test_poses_report_stage_contacts_home_and_the_alternative_frame_after_a_jump():
+    """What the other drones used to infer: from statuses, lists of lost links, poses on the ground, and an uncertainty."""
+    one, poses = started(), []
+    for tick in range(1, 81):
+        now_ns = START_NS + tick * TICK_NS
+        for message in partner(now_ns) if tick <= 40 else ():
+            one.receive(key_of("radron", message), encode(message), now_ns)
+        one.observe_vehicle(state(now_ns, FlightMode.OFFBOARD, (15.0 if tick > 60 else 0.0, 0.0, 3.0)))
+        poses += messages(one.step(now_ns), Pose)
+    assert {pose.stage for pose in poses} == {Stage.SURVEY}
+    assert [poses[index].silences_ns["d2"] for index in (15, -1)] == pytest.approx([0, 2 * SECOND], abs=SECOND // 10)
+    assert poses[-1].home_m == pytest.approx((5.0, 5.0, 3.0), abs=0.01)
+    assert poses[20].alternative is UNSET
+    assert poses[-1].alternative.translation_m == pytest.approx((5.0, 5.0, 0.0))

@@ -82,7 +82,8 @@ def test_a_revoked_drone_that_does_not_fly_tells_nothing():
 
 def believed(one):
     """The drones that have left the circle in a pilot's view, or will soon."""
-    return tuple(one._executive._navigator._neighbourhood._silent._obeys_ns)
+    beliefs = one._executive._navigator._neighbourhood._beliefs
+    return tuple(name for name, belief in beliefs.items() if belief.obeys_ns is not None)
 
 
 @pytest.mark.parametrize("teller", ["d2", "d3"])

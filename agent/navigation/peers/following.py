@@ -80,4 +80,4 @@ def _recent(peer: Peer, pose: Pose, now_ns: int, oldest_ns: int) -> Plan | None:
 
 
 def _comes_down(peer: Peer) -> bool:
-    return peer.status is not None and peer.status.stage in DESCENDING  # an old plan still gives its position, without newer ones
+    return peer.stage in DESCENDING  # an old plan still gives its position, without newer ones

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from radron.agent.navigation.peers.sources import RECENT_NS, Sources, Story
 from radron.protocol.entries import Sighting
-from radron.protocol.messages import Plan, Pose, Status
+from radron.protocol.messages import Plan, Pose, Stage, Status
 from radron.protocol.stages import ON_GROUND
 
 NEWS = (Pose, Plan, Status)
@@ -23,20 +23,19 @@ FUTURE_NS = 100_000_000  # limit of a stamp ahead of now: beyond, it is forged, 
 _LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
 
 
-M = TypeVar("M", Pose, Plan, Status)
+M = TypeVar("M", Plan, Status)
 
 
 @dataclass(slots=True)
 class Peer:
     """Newest message of each kind, stamped in own time; None until heard. ``sources``: all stories of its position;
-    ``sightings`` (by this drone): of the last seconds. ``launch``: its last pose on the ground.
+    ``sightings`` (by this drone): of the last seconds.
     ``ahead_ns``: lead of its clock over own time, as corrected in its stamps; ``delays_ns``: apparent delays of the last
     messages that were kept, without that correction.
     """
 
     plan: Plan | None = None
     status: Status | None = None
-    launch: Pose | None = None
     sources: Sources = field(default_factory=Sources)
     ahead_ns: int = 0
     delays_ns: deque[int] = field(default_factory=partial(deque, maxlen=_MOST_DELAYS))
@@ -52,21 +51,32 @@ class Peer:
         """The newest pose; None until heard."""
         return self.sources.stories[0].newest if self.sources.stories else None
 
+    @property
+    def stage(self) -> Stage | None:
+        """The stage by the newest pose or status; None if never published. A stage on the ground in contradiction to the poses
+        does not count: a restarted agent does not know of its flight yet.
+        """
+        pose, status = self.pose, self.status
+        if pose is None or (status is not None and status.stamp_ns >= pose.stamp_ns):
+            return status.stage if status is not None else None
+        if isinstance(pose.stage, Stage) and (pose.stage not in ON_GROUND or self.sources.rests(pose.stamp_ns)):
+            return pose.stage
+        return status.stage if status is not None else None
+
     def is_on_ground(self, now_ns: int) -> bool:
         """Whether statuses and poses say so, without a plan since: a status may be lost."""
         flies = self.plan is not None and self.status is not None and self.plan.stamp_ns > self.status.stamp_ns
         return not flies and self.sources.is_on_ground(now_ns)
 
-    def last_news(self, now_ns: int) -> tuple[Pose, Status] | None:
-        """Return the last pose and status; None if one of these was never heard, or the drone is on the ground."""
-        if self.pose is None or self.status is None or self.is_on_ground(now_ns):
+    def last_pose(self, now_ns: int) -> Pose | None:
+        """Return the last pose, with the newest stage; None if one of these was never heard, or the drone is on the ground."""
+        if self.pose is None or self.stage is None or self.is_on_ground(now_ns):
             return None
-        return self.pose, self.status
+        return replace(self.pose, stage=self.stage)
 
-    def recall(self, pose: Pose, status: Status) -> None:
-        """Restore the messages from before a restart of this agent; no pose has been heard since."""
+    def recall(self, pose: Pose) -> None:
+        """Restore the pose from before a restart of this agent; none has been heard since."""
         self.sources.stories.append(Story.of(pose))
-        self.status = self.status or status
 
     @property
     def usual_delay_ns(self) -> int:
@@ -97,17 +107,13 @@ class Peer:
 
     def _restamp(self, by_ns: int) -> None:
         """Correct the stamps of its messages by a new estimate of its clock."""
-        self.launch, self.plan = _restamped(self.launch, by_ns), _restamped(self.plan, by_ns)
-        self.status = _restamped(self.status, by_ns)
+        self.plan, self.status = _restamped(self.plan, by_ns), _restamped(self.status, by_ns)
         self.sources.restamp(by_ns)
 
     def take(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
         """Keep a message if it is newer than known; an older one still counts for ``sources``. Return the reason of a refusal."""
         if isinstance(message, Pose):
-            is_newest = self.sources.hear_pose(message, now_ns)
-            if self.pose is message and not message.in_air:
-                self.launch = message
-            return None if is_newest else "older_than_known"
+            return None if self.sources.hear_pose(message, now_ns) else "older_than_known"
         if isinstance(message, Status):
             self.sources.hear_status(message, now_ns)
         known = self.plan if isinstance(message, Plan) else self.status
@@ -126,7 +132,7 @@ class Peer:
 
         Causes: a landing just now; a restart of its agent in flight, before it knows of the flight; or a second source.
         """
-        flew = self.status is not None and self.status.stage not in ON_GROUND
+        flew = self.stage is not None and self.stage not in ON_GROUND
         return flew and status.stage in ON_GROUND and not self.sources.rests(status.stamp_ns)
 
 

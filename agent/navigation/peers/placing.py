@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from math import hypot, inf, sqrt
+from math import dist, hypot, inf, sqrt
 
 from radron.agent.frames.transform import Transform
 from radron.agent.geometry import Array, Vector3
@@ -72,6 +72,16 @@ def sigma_of_m(pose: Pose, mission_from_theirs: Transform) -> float:
     value, which is larger after a loss of its satellites.
     """
     return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
+
+
+def sigma_of_either_m(pose: Pose, mission_from_theirs: Transform, otherwise: Transform | None) -> float:
+    """Return the 1 sigma of a drone's position, of either hypothesis if there are two. ``otherwise``: its frame if its
+    localisation after a jump is right; None without a jump.
+    """
+    sigma_m, place = sigma_of_m(pose, mission_from_theirs), pose.position_m
+    if otherwise is None:
+        return sigma_m
+    return unexplained_m(sigma_m, dist(mission_from_theirs.apply_point(place)[:2], otherwise.apply_point(place)[:2]))
 
 
 def unexplained_m(sigma_m: float, doubt_m: float) -> float:

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from msgspec import UnsetType
 from msgspec.structs import replace
 
 from radron.agent.config.mission import MissionConfig
 from radron.agent.frames.drift import Drift
-from radron.agent.frames.graph import LAUNCH_EPOCH, FrameGraph
+from radron.agent.frames.graph import FrameGraph
 from radron.agent.frames.kept import KeptFrame
 from radron.agent.frames.transform import Transform
 from radron.agent.localization.continuity import carried_on
-from radron.agent.navigation.peers.doubted import doubt_m
-from radron.agent.navigation.peers.placing import WORST_SIGMA_M, bare
+from radron.agent.navigation.peers.placing import WORST_SIGMA_M
 from radron.protocol.messages import Pose
 
 _DOUBTED = np.diag([0.5 * WORST_SIGMA_M**2, 0.5 * WORST_SIGMA_M**2, 1.0, 0.01])  # of a frame that has become unknown
@@ -27,7 +27,6 @@ class TheirFrames:
         self._graph, self._drift = graph, Drift(mission)
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
-        self._otherwise: dict[str, list[Transform]] = {}  # frames of alternative position hypotheses after jumps
         self._carried: dict[str, int] = {}  # epoch with a frame by continuity, or from before a restart
         self._remembered: Mapping[str, KeptFrame] = {}
 
@@ -35,9 +34,7 @@ class TheirFrames:
     def kept(self) -> dict[str, KeptFrame]:
         """Frames of the others, for a restart of the agent in flight; without a new link, the frame stored before."""
         found = {
-            name: KeptFrame.of(
-                pose.epoch, pose.stamp_ns, self._as_told(name, pose.epoch, frame), self.elsewhere(name, pose, frame)
-            )
+            name: KeptFrame.of(pose.epoch, pose.stamp_ns, self._as_told(name, pose.epoch, frame))
             for name, (pose, frame) in self._placed.items()
         }
         known = {name: kept for name, kept in found.items() if kept is not None}
@@ -50,13 +47,9 @@ class TheirFrames:
 
     def remember(self, frames: Mapping[str, KeptFrame]) -> None:
         """Restore the plausible frames stored before a restart of the agent: each holds for its epoch until the log contains it,
-        and drifts. Alternative position hypotheses are restored, too.
+        and drifts.
         """
         self._remembered = frames
-        for name, kept in frames.items():
-            other = None if kept.otherwise is None else kept.otherwise.mission_from_local
-            if other is not None:
-                self._otherwise[name] = [other]
 
     def told(self, name: str, epoch: int) -> Transform | None:
         """Return a frame in an epoch, as in the log."""
@@ -67,7 +60,6 @@ class TheirFrames:
         jump, and the stored one after a restart of this agent. A frame that has become unknown gets a large covariance.
         """
         known = self.told(name, pose.epoch)
-        self._note_jump(name, pose)
         if known is not None:
             self._placed[name] = pose, known
             self._carried.pop(name, None)
@@ -86,28 +78,19 @@ class TheirFrames:
         self._placed[name] = pose, transform
         return transform
 
-    def elsewhere(self, name: str, pose: Pose, mission_from_theirs: Transform | None) -> Transform | None:
-        """Return the frame of a drone's alternative position hypothesis (``doubted``). It precedes the jumps, and explains the
-        uncertainty published with the present frame. Until that is published, its pose reports an unbounded uncertainty. None
-        without a second hypothesis, or if the mission does not give its frame.
-        """
-        launch = self.told(name, LAUNCH_EPOCH)
-        if launch is None or not self._members[name].is_exact or pose.epoch == LAUNCH_EPOCH:
-            return None
-        otherwise = self._otherwise.get(name, [launch])
-        told = (one for one in otherwise if mission_from_theirs is not None and doubt_m(pose, mission_from_theirs, one) > 0.0)
-        return next(told, otherwise[0] if pose.position_sigma_m >= WORST_SIGMA_M else None)
+    def elsewhere(self, name: str, pose: Pose) -> Transform | None:
+        """Return the frame of a drone's alternative position hypothesis; None without one, or if the mission does not give its
+        frame: then the uncertainty follows from the log, and not from its word.
 
-    def _note_jump(self, name: str, pose: Pose) -> None:
-        """Note a jump: the frame of the alternative hypothesis stays the same, or continues as well if the jump was announced.
-        The announcement is not published, but the uncertainty published afterwards shows it.
+        The drone flies on by continuity; if its localisation is right, it is there. Both hypotheses are points, with no possible
+        position around them. Separation is kept from each, without the position uncertainty, which includes their distance. If
+        that counted as well, drones with hypotheses 8.8 m apart would hold each other off their homes. A drone with two
+        hypotheses about itself keeps clear of all others as seen from both (``myself.Self.elsewhere``).
         """
-        before, frame = self._placed.get(name, (pose, None))
-        if before.epoch == pose.epoch or frame is None or not self._members[name].is_exact:
-            return
-        frame = self._as_told(name, before.epoch, frame)
-        other = bare(self.elsewhere(name, before, frame) or frame)
-        self._otherwise[name] = [other, carried_on(other, before, pose)]
+        other = pose.alternative
+        if isinstance(other, UnsetType) or not self._members[name].is_exact:
+            return None
+        return Transform(other.yaw_rad, other.translation_m)
 
     def _of_before_restart(self, name: str, pose: Pose) -> tuple[Pose, Transform] | None:
         """Return the frame stored before a restart of this agent, with a pose of then; None if the peer has jumped since."""

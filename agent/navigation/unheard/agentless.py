@@ -10,15 +10,13 @@ from __future__ import annotations
 from math import ceil, dist, hypot, inf
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, UnsetType
 
 from radron.agent.config.mission import MissionConfig
-from radron.agent.frames.transform import Transform
 from radron.agent.geometry import Array, Point2, Vector3
 from radron.agent.localization.continuity import ONWARD_S
 from radron.agent.motion.reference import PeerState
-from radron.agent.navigation.peers.newest import Peer
-from radron.protocol.messages import Stage
+from radron.protocol.messages import Pose, Stage
 from radron.protocol.stages import DESCENDING, STEERED
 
 # Autopilot without setpoints (PX4: COM_OF_LOSS_T): flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
@@ -186,12 +184,9 @@ class Agentless:
         """Launch place by the mission's layout."""
         return self._launch[name]
 
-    def home(self, name: str, peer: Peer, mission_from_theirs: Transform) -> Vector3:
-        """Destination of a return, with or without the agent."""
-        launch, pose = peer.launch, peer.pose
-        if launch is None or pose is None or launch.epoch != pose.epoch:
-            return self._launch[name]
-        return mission_from_theirs.apply_point(launch.position_m)
+    def home(self, name: str, pose: Pose) -> Vector3:
+        """Destination of a return, with or without the agent: as published, else by the mission's layout."""
+        return self._launch[name] if isinstance(pose.home_m, UnsetType) else pose.home_m
 
 
 def _stop(moves: PeerState) -> Stretch:

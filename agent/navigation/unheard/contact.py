@@ -1,7 +1,8 @@
-"""The last contact between two drones, and the separation line that follows from it. Horizontal, mission frame."""
+"""The link between two drones, their last contact, and the separation line that follows from it. Horizontal, mission frame."""
 
 from __future__ import annotations
 
+from enum import Enum, auto
 from math import hypot
 
 from msgspec import Struct
@@ -9,10 +10,14 @@ from msgspec import Struct
 from radron.agent.frames.transform import Transform
 from radron.agent.geometry import Point2
 from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.peers.newest import Peer
 from radron.agent.navigation.unheard.agentless import Course
 from radron.protocol.messages import Pose, Stage
 
 SILENT_NS = 1_000_000_000  # without a pose: ten pose periods
+# Silence beyond the usual delay: four poses are missing. The agent may be lost, and its vehicle stops soon. Behind it at 6 m/s, a
+# drone that notices only after a second cannot stop any more.
+QUIET_NS = 400_000_000
 # Tolerances for a drone on the circle, in contrast to a drone on its way there. Distance from the circle, and difference from the
 # velocity along it (or from standing on it). The latter amounts to half a metre of offset (``radron.agent.motion.encirclement``).
 # With wider ones, drones that only cross the circle at 4 to 6 m/s count as circling, and get no separation line.
@@ -60,6 +65,43 @@ class Contact(Struct, frozen=True):
     theirs: PeerState
     tracked: bool
     circled: bool
+
+
+class LinkState(Enum):
+    """State of the link to a peer, as this drone knows it."""
+
+    ON_GROUND = auto()
+    NEVER_HEARD = auto()
+    LOST = auto()
+    ONE_WAY = auto()  # heard, but without reception of this drone
+    TWO_WAY = auto()
+
+
+def link_state(peer: Peer, listener: str, now_ns: int, *, revoked: bool) -> LinkState:
+    """Return the state of the link between a peer and the ``listener``, this drone. ``revoked``: this drone is; no peer takes its
+    messages.
+    """
+    pose = peer.pose
+    if peer.is_on_ground(now_ns):
+        return LinkState.ON_GROUND
+    if pose is None:
+        return LinkState.NEVER_HEARD
+    if now_ns - pose.stamp_ns > SILENT_NS:
+        return LinkState.LOST
+    return LinkState.ONE_WAY if revoked or pose.silences_ns.get(listener, 0) > SILENT_NS else LinkState.TWO_WAY
+
+
+def last_contact_ns(pose: Pose, listener: str) -> int:
+    """Return the stamp of the last contact of both directions, by the newest pose of one drone: the last pose of the
+    ``listener`` that it had received by then. Both drones of a link derive the same, up to a pose period and a message's delay,
+    whichever direction fails first: one knows of its own silence, the other one is told.
+    """
+    return pose.stamp_ns - pose.silences_ns.get(listener, 0)
+
+
+def hears(pose: Pose, other: str) -> bool:
+    """Whether a drone reports with its newest pose that it receives the other one."""
+    return pose.silences_ns.get(other, SILENT_NS + 1) <= SILENT_NS
 
 
 def motion_of(pose: Pose, mission_from_theirs: Transform) -> PeerState:

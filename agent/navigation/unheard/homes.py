@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from radron.agent.config.mission import MissionConfig
 from radron.agent.geometry import Point2, Vector3
 from radron.agent.motion.separation import PeerPlan
+from radron.agent.navigation.others.belief import PeerBelief
 from radron.agent.navigation.unheard.agentless import Agentless
 from radron.agent.navigation.unheard.crossing import is_over_m
 from radron.agent.navigation.unheard.viewer import Viewer
@@ -22,24 +25,19 @@ COMING_DOWN_S = 45.0
 class Homes:
     """Present keep-out discs over homes, by drone."""
 
-    def __init__(self, mission: MissionConfig, drone: str, agentless: Agentless) -> None:
-        """``drone``: the own id."""
-        self._id, self._agentless = drone, agentless
+    def __init__(self, mission: MissionConfig, drone: str, agentless: Agentless, beliefs: Mapping[str, PeerBelief]) -> None:
+        """``drone``: the own id; ``beliefs``: the owners of the discs, by id of the other drones."""
+        self._id, self._agentless, self._beliefs = drone, agentless, beliefs
         self._is_over_m = is_over_m(mission, drone)
-        self._kept: dict[str, dict[Point2, KeptPlace]] = {}
 
     @property
     def kept(self) -> tuple[KeptPlace, ...]:
         """All keep-out discs; mission frame."""
-        return tuple(home for _, homes in sorted(self._kept.items()) for home in homes.values())
-
-    def forget(self, name: str) -> None:
-        """Remove the keep-out discs of a drone."""
-        self._kept.pop(name, None)
+        return tuple(home for _, belief in sorted(self._beliefs.items()) for home in belief.kept.values())
 
     def keep(self, name: str, home: Point2, sigma_m: float = 0.0) -> None:
         """Add the home as a keep-out disc."""
-        self._kept.setdefault(name, {})[home] = KeptPlace(home, sigma_m)
+        self._beliefs[name].kept[home] = KeptPlace(home, sigma_m)
 
     def over(self, name: str, home: Vector3, me: Viewer) -> PeerPlan:
         """Add the home as a keep-out disc, and return the peer's plan there, at whatever height."""

@@ -15,15 +15,15 @@ from radron.protocol.stages import BRAKING, STEERED
 _BLIND_NS = 1_500_000_000  # status newer than the last pose by more than this: the agent is without telemetry
 
 
-def last_stage(peer: Peer) -> Stage:
-    """Return the stage by the last status; a stage in flight if none is known."""
-    return peer.status.stage if peer.status is not None else Stage.SURVEY
+def stage_at(pose: Pose, peer: Peer) -> Stage:
+    """Return the stage at a pose of the peer; a stage in flight if none was published."""
+    return pose.stage if isinstance(pose.stage, Stage) and pose is not peer.pose else peer.stage or Stage.SURVEY
 
 
 def last_course(agentless: Agentless, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
     """Return the failsafe course of the vehicle from this pose on."""
-    home = agentless.home(name, peer, mission_from_theirs)
-    return agentless.course(name, motion_of(pose, mission_from_theirs), last_stage(peer), home, steered=pose.steered)
+    home = agentless.home(name, pose)
+    return agentless.course(name, motion_of(pose, mission_from_theirs), stage_at(pose, peer), home, steered=pose.steered)
 
 
 def possible_courses(
@@ -52,10 +52,10 @@ def possible_courses(
         seen: its motion at the last sighting, if that is newer than its last pose.
         excluded: it is revoked.
     """
-    stages = _possible_stages(last_stage(peer), steered=pose.steered)
+    stages = _possible_stages(stage_at(pose, peer), steered=pose.steered)
     goes_home = excluded or _is_brought_home(agentless, name, peer, pose)
     is_blind = stages[0] in STEERED and peer.status is not None and peer.status.stamp_ns - pose.stamp_ns > _BLIND_NS
-    home = agentless.home(name, peer, frames[-1])
+    home = agentless.home(name, pose)
     found = []
     for frame in frames:
         moves = motion_of(pose, frame) if seen is None else seen
@@ -79,4 +79,4 @@ def _possible_stages(stage: Stage, *, steered: bool) -> list[Stage]:
 
 def _is_brought_home(agentless: Agentless, name: str, peer: Peer, pose: Pose) -> bool:
     """Whether its autopilot or the safety pilot had begun a return: that return continues, whatever the failsafe would be."""
-    return last_stage(peer) is Stage.RETURN and not pose.steered and agentless.has_home(name)
+    return stage_at(pose, peer) is Stage.RETURN and not pose.steered and agentless.has_home(name)

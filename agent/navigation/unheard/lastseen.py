@@ -28,21 +28,3 @@ class LastSeen(Struct, frozen=True):
     def sigma_after_m(self, seconds: float) -> float:
         """Position uncertainty of the stop after that time, if the peer stopped: it may have flown on; same growth as if seen."""
         return min(self.sigma_m + UNKNOWN_MPS * seconds, WORST_SIGMA_M)
-
-
-class LastSightings:
-    """Last sighting of each peer."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, LastSeen] = {}
-
-    def note(self, name: str, seen: PeerPlan, epoch: int, *, flies: bool) -> None:
-        """Note a sighting of now, own local frame of this epoch."""
-        self._last.pop(name, None)
-        if flies and seen.measured is not None:
-            self._last[name] = LastSeen.by(seen, seen.measured, epoch)
-
-    def of(self, name: str, heard_ns: int, epoch: int) -> LastSeen | None:
-        """Return the last sighting after the last pose; None without such a sighting, or in another local frame."""
-        last = self._last.get(name)
-        return last if last is not None and last.epoch == epoch and last.stamp_ns > heard_ns else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from radron.agent.navigation.peers.newest import Peers
-from radron.agent.navigation.unheard.contact import SILENT_NS
+from radron.agent.navigation.unheard.contact import SILENT_NS, hears
 
 
 def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peers, now_ns: int) -> list[str]:
@@ -18,11 +18,10 @@ def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peer
     """
     found = [me]
     for name in sorted(set(peers.names) - set(missing)):
-        status, pose = peers[name].status, peers[name].pose
-        if status is not None and me in status.delays_ns:
-            is_heard = pose is not None and now_ns - pose.stamp_ns <= SILENT_NS
-            belongs = name in partners or (is_heard and status.delays_ns.keys().isdisjoint(missing))
-            found += [name] if belongs else []
+        pose = peers[name].pose
+        if pose is not None and hears(pose, me):
+            is_apart = now_ns - pose.stamp_ns > SILENT_NS or any(hears(pose, one) for one in missing)
+            found += [name] if name in partners or not is_apart else []
     return found
 
 

@@ -5,11 +5,16 @@ import pytest
 
 from radron.agent.fusion.estimator import Exclusion, Hypothesis
 from radron.agent.mission.reporter import Believed, Reporter
-from radron.protocol.messages import Estimate, Stage, Status
+from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.messages import Estimate, Pose, Stage, Status
 
 SECOND = 1_000_000_000
 NOW_NS = 1_767_225_600 * SECOND
 STATUS = Status(stamp_ns=NOW_NS, drone="d1", mission="m" * 16, boot="0" * 16, stage=Stage.TRACK)
+
+
+def no_pose(_: VehicleState) -> Pose:
+    raise AssertionError("no telemetry, no pose")
 
 
 @pytest.mark.parametrize("back_s", [3, 600])
@@ -18,7 +23,9 @@ def test_a_clock_that_is_set_back_does_not_silence_the_drone(back_s: int) -> Non
 
     def statuses(since_ns: int) -> int:
         times = range(since_ns, since_ns + 5 * SECOND, SECOND // 20)
-        return sum(isinstance(one, Status) for now_ns in times for one in reporter.due(now_ns, None, None, None, lambda: STATUS))
+        return sum(
+            isinstance(one, Status) for now_ns in times for one in reporter.due(now_ns, None, None, None, no_pose, lambda: STATUS)
+        )
 
     usual = statuses(NOW_NS)
     assert usual >= 4
@@ -34,7 +41,7 @@ def test_all_sources_of_an_estimate_are_published_with_their_nuclides() -> None:
     first = source(1.0, "Cs-137", source(5.0, "Co-60"))
     cells = np.zeros(3, np.bool_)
     believed = Believed(first, "0" * 32, Exclusion({"Cs-137": 2e8, "Co-60": None}, cells, cells))
-    due = reporter.due(NOW_NS, None, None, lambda: believed, lambda: STATUS)
+    due = reporter.due(NOW_NS, None, None, lambda: believed, no_pose, lambda: STATUS)
     (estimate,) = [one for one in due if isinstance(one, Estimate)]
     assert estimate.excluded_bq == {"Cs-137": 2e8}
     assert [(one.position_m[0], one.nuclide) for one in estimate.sources] == [(1.0, "Cs-137"), (5.0, "Co-60")]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from msgspec import UNSET
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, status
 
@@ -11,9 +12,10 @@ from radron.agent.navigation.myself import PATIENT_S, Self
 from radron.agent.navigation.neighbours import Neighbourhood
 from radron.agent.navigation.peers.newest import Peers
 from radron.protocol.entries import Sighting
-from radron.protocol.messages import Stage
+from radron.protocol.messages import Alternative, Stage
 
 NOW_NS = SECOND // 10
+LAUNCH = Alternative((10.0, 0.0, 0.0), np.pi / 2)  # the frame of b by the mission
 
 
 @pytest.mark.parametrize(("sigma_m", "places"), [(0.1, 1), (16.0, 2)])
@@ -23,7 +25,8 @@ def test_a_drone_in_doubt_after_a_jump_is_given_way_in_both_places(sigma_m, plac
     peers.receive(pose(), 0)
     around.around(peers, Self(0, 0, 0.0, Transform()))
     now_ns = SECOND // 10
-    peers.receive(replace(pose(now_ns, sigma_m, epoch=1), position_m=(21.0, 0.0, 3.0)), now_ns)
+    doubt = {"alternative": LAUNCH} if places == 2 else {}
+    peers.receive(replace(pose(now_ns, sigma_m, epoch=1), position_m=(21.0, 0.0, 3.0), **doubt), now_ns)
     found = around.around(peers, Self(now_ns, 0, 0.0, Transform()))
     assert len(found) == places
     assert found[0].plan.state(now_ns).position == pytest.approx((10.0, 1.2, 3.0))
@@ -37,7 +40,7 @@ def jumped_m(along_m: float, told: bool) -> tuple[Neighbourhood, Peers]:
     """Peer b, at (10, 1) m and flying on at 2 m/s along the mission's y axis; its localisation jumps by that much along that
     axis.
 
-    ``told``: b has published with its frame that both places are equally likely.
+    ``told``: b has published both places, and with its frame that they are equally likely.
     """
     frames, peers = FrameGraph.from_launch_layout(MISSION), Peers(["b"])
     around = Neighbourhood(MISSION, frames, "a")
@@ -49,7 +52,7 @@ def jumped_m(along_m: float, told: bool) -> tuple[Neighbourhood, Peers]:
         back = Transform(translation=(-along_m, 0.0, 0.0), covariance=np.diag([axis_m2, axis_m2, 0.0, 0.0]))
         frames.place("b", 1, launch @ back)
     sigma_m = abs(along_m) / 2**0.5 if told else 0.3
-    now = replace(pose(NOW_NS, sigma_m, epoch=1), position_m=(1.2 + along_m, 0.0, 3.0))
+    now = replace(pose(NOW_NS, sigma_m, epoch=1), position_m=(1.2 + along_m, 0.0, 3.0), alternative=LAUNCH if told else UNSET)
     assert peers.receive(now, NOW_NS) is None
     return around, peers
 
@@ -66,13 +69,29 @@ def test_one_that_tells_of_its_doubt_is_in_either_of_two_places_and_not_around_t
     assert [one.plan.sigma_m for one in found] == pytest.approx([0.3, 0.0], abs=0.01)
 
 
-def test_what_is_in_doubt_of_a_frame_but_not_between_its_two_places_counts_as_before():
-    """The alternative frame lies 8 m away, but the localisation says 30 m: neither of the two published places."""
+def test_an_uncertainty_that_two_places_do_not_explain_stays_around_each():
+    """The two places are 8 m apart, which explains 5.7 m of the published 7 m."""
     around, peers = jumped_m(8.0, told=True)
-    peers.receive(replace(pose(2 * NOW_NS, 5.7, epoch=1), position_m=(30.0, 0.0, 3.0)), 2 * NOW_NS)
-    around.frames._graph.place("b", 1, Transform(np.pi / 2, (10.0, -29.0, 0.0), np.diag([16.0, 16.0, 0.0, 0.0])))
+    now = replace(peers["b"].pose, stamp_ns=2 * NOW_NS, position_sigma_m=7.0)
+    assert peers.receive(now, now.stamp_ns) is None
     found = around.around(peers, Self(2 * NOW_NS, 0, 0.3, Transform()))
-    assert found[0].plan.sigma_m == 5.0
+    assert found[0].plan.sigma_m == pytest.approx((7.0**2 - 0.5 * 8.0**2 + 0.3**2) ** 0.5)
+
+
+def test_the_word_of_a_drone_narrows_no_uncertainty_that_follows_from_the_log():
+    """The frame of b is estimated: by the measurements of all drones, not by its own statement."""
+    a, b = MISSION.drones
+    mission = replace(MISSION, drones=(a, replace(b, localization="rtk")))
+    frames, peers = FrameGraph.from_launch_layout(mission), Peers(["b"])
+    around, sigmas_m = Neighbourhood(mission, frames, "a"), []
+    for alternative in (UNSET, LAUNCH):
+        frames.place("b", 1, Transform(np.pi / 2, (10.0, -8.0, 0.0), np.diag([8.0, 8.0, 0.0, 0.0])))
+        stamp_ns = NOW_NS * (1 + len(sigmas_m))
+        now = replace(pose(stamp_ns, 0.3, epoch=1), position_m=(9.2, 0.0, 3.0), alternative=alternative)
+        assert peers.receive(now, stamp_ns) is None
+        sigmas_m.append([one.plan.sigma_m for one in around.around(peers, Self(stamp_ns, 0, 0.3, Transform()))])
+    assert sigmas_m[0] == sigmas_m[1]
+    assert sigmas_m[0][0] > 3.0
 
 
 OWN = Transform(translation=(10.0, 0.0, 0.0))  # the own frame by continuity; by its localisation, that of the mission
@@ -171,7 +190,8 @@ def test_an_announced_jump_moves_neither_of_the_two_places(announced_m):
     frames, later_ns = around.frames._graph, 2 * NOW_NS
     before = frames.mission_from_local("b", 1)
     frames.place("b", 2, before @ Transform(translation=(-announced_m, 0.0, 0.0)))
-    now = replace(pose(later_ns, 20.0 / 2**0.5, epoch=2), position_m=(1.4 + 20.0 + announced_m, 0.0, 3.0))
+    continued = Alternative((10.0, -announced_m, 0.0), np.pi / 2)
+    now = replace(pose(later_ns, 20.0 / 2**0.5, epoch=2), position_m=(1.4 + 20.0 + announced_m, 0.0, 3.0), alternative=continued)
     assert peers.receive(now, later_ns) is None
     found = around.around(peers, Self(later_ns, 0, 0.3, Transform()))
     expected = [pytest.approx((10.0, 1.4), abs=0.1), pytest.approx((10.0, 21.4), abs=0.1)]
@@ -188,10 +208,12 @@ def test_after_a_restart_of_its_observer_one_in_doubt_is_still_in_either_of_two_
     graph.place("b", 1, launch @ Transform(translation=(-20.0, 0.0, 0.0)))
     graph.place("b", 2, launch @ Transform(0.0, (-10.0, 0.0, 0.0), doubt))
     for epoch, x in enumerate((1.0, 21.2, 11.4)):
-        now = replace(pose((epoch + 1) * NOW_NS, 0.1 if epoch < 2 else 50.0**0.5, epoch=epoch), position_m=(x, 0.0, 3.0))
+        doubt = Alternative((10.0, -20.0, 0.0), np.pi / 2) if epoch == 2 else UNSET
+        sigma_m = 0.1 if epoch < 2 else 50.0**0.5
+        now = replace(pose((epoch + 1) * NOW_NS, sigma_m, epoch=epoch), position_m=(x, 0.0, 3.0), alternative=doubt)
         assert peers.receive(now, now.stamp_ns) is None
         before = former.around(peers, Self(now.stamp_ns, 0, 0.3, Transform()))
     assert len(before) == 2
     again = Neighbourhood(MISSION, graph, "a")
-    again.frames.remember(former.frames.kept)
+    again.frames.remember(former.frames.kept)  # the alternative position comes with the next pose
     assert places(again.around(peers, Self(now.stamp_ns, 0, 0.3, Transform()))) == places(before)

@@ -397,9 +397,8 @@ def test_one_that_is_restarted_without_its_log_climbs_and_searches_above_those_t
     """Two drones descended from there to search, each at the other's place on the circle: 1.2 m."""
     heard_ns, peers = START_NS - 3 * SECOND, Peers(["d2"])
     where = {"position_m": (0.0, 0.0, 3.0), "velocity_mps": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}
-    pose = Pose(stamp_ns=heard_ns, drone="d2", epoch=0, position_sigma_m=0.1, yaw_sigma_rad=0.01, **where)
-    status = Status(stamp_ns=heard_ns, drone="d2", mission=MISSION.mission_id, boot="2" * 16, stage=Stage.TRACK)
-    peers["d2"].recall(pose, status)
+    pose = Pose(stamp_ns=heard_ns, drone="d2", epoch=0, position_sigma_m=0.1, yaw_sigma_rad=0.01, stage=Stage.TRACK, **where)
+    peers["d2"].recall(pose)
     places = flown(lambda _: None, 120.0, stage=Stage.SURVEY, peers=peers)
     over_m = crossing_height_m(MISSION, "d1")
     low = places[places[:, 2] < over_m - 1.5]

@@ -3,6 +3,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from msgspec import UNSET
 from msgspec.structs import replace
 from two_drones import MISSION, SECOND, plan, pose, status
 
@@ -142,37 +143,29 @@ def test_a_drone_in_hold_stays_and_one_that_lands_is_down_some_time():
 
 
 @pytest.mark.parametrize("hears", [False, True])
-def test_a_pose_after_a_silence_does_not_tell_that_it_hears_this_drone_before_its_plan_or_status_does(hears):
-    """The plan from before the silence counted as that, and the last contact forgotten on one side only, with its line."""
+def test_the_first_pose_after_a_silence_reports_whether_its_drone_has_received_this_one(hears):
+    """The plan from before the silence counted as that, and the last contact was forgotten on one side only, with its line."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), plan(), status(Stage.SURVEY)):
         assert peers.receive(message, 0) is None
     hood.around(peers, Self(2 * SECOND, 0, 0.1, Transform()))
     now_ns = 100 * SECOND
-    peers.receive(pose(now_ns), now_ns)
-    (other, *_) = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
-    assert (hood.absence.missing, hood.absence.unhearing, other.takes_part) == (("b",), ("b",), False)
-    stale = replace(status(Stage.SURVEY), stamp_ns=3 * SECOND, delays_ns={"a": 0})  # of peers heard in the three seconds before
-    peers.receive(stale, 3 * SECOND)
-    hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
-    assert hood.absence.unhearing == ("b",)
-    told = replace(status(Stage.SURVEY), stamp_ns=now_ns, delays_ns={"a": 0} if hears else {})
-    peers.receive(told, now_ns)
+    peers.receive(replace(pose(now_ns), silences_ns={"a": 0 if hears else now_ns}), now_ns)
     (other, *_) = hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert (hood.absence is None) == other.takes_part == hears
+    assert hears or (hood.absence.missing, hood.absence.unhearing) == (("b",), ("b",))
 
 
-def test_one_that_plans_nothing_any_more_is_in_contact_again_when_its_status_tells_so():
+def test_one_that_plans_nothing_any_more_is_in_contact_again_by_its_poses():
     """The pilot held it, and the last plan, from before the link recovered, counted for good: this drone returned."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for now_ns in range(0, 3 * SECOND, SECOND // 5):
-        for message in (pose(now_ns), replace(plan(now_ns), unheard=("a",)), replace(status(Stage.SURVEY), stamp_ns=now_ns)):
+        for message in (replace(pose(now_ns), stage=Stage.SURVEY, silences_ns={"a": 2 * SECOND}), plan(now_ns)):
             peers.receive(message, now_ns)
         hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert hood.absence.unhearing == ("b",)
     for now_ns in range(3 * SECOND, 8 * SECOND, SECOND // 5):
-        for message in (pose(now_ns), replace(status(Stage.HOLD), stamp_ns=now_ns, delays_ns={"a": 0})):
-            peers.receive(message, now_ns)
+        peers.receive(replace(pose(now_ns), stage=Stage.HOLD, silences_ns={"a": 0}), now_ns)
         hood.around(peers, Self(now_ns, 0, 0.1, Transform()))
     assert hood.absence is None
 
@@ -338,20 +331,16 @@ def test_an_agent_that_is_restarted_keeps_to_its_side_of_those_that_it_had_not_h
     assert sum(one.plan.away is not None for one in around) == 1
 
 
-def test_the_home_of_another_one_is_where_it_took_off_also_after_a_restart():
+def test_the_home_of_a_peer_is_as_published_also_after_a_restart():
     """Not where the mission's layout has it: (10, 0)."""
-    kept = LastNews.of(pose(), status(Stage.TRACK), None, launch=replace(pose(), position_m=(14.0, 3.0, 0.0)))
     homes = []
-    for before in (kept, replace(kept, launch=None)):
+    for home_m in ((7.0, 14.0, 0.0), UNSET):
         hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-        hood.remember({"b": before})
-        for message in (pose(), status(Stage.TRACK)):
-            assert peers.receive(message, 0) is None
+        hood.remember({"b": LastNews.of(replace(pose(), stage=Stage.TRACK, home_m=home_m), None)})
         for now_s in (0.5, 30.0):
             hood.around(peers, Self(round(now_s * SECOND), 0, 0.1, Transform(), motion_at=lambda _: STANDING, resumed=True))
         homes.append([home.place for home in hood.absence.homes])
-    assert homes[0] == [pytest.approx((7.0, 14.0))]  # in the frame of b
-    assert homes[1] == [pytest.approx(MISSION.drones[1].origin_m[:2])]
+    assert homes == [[(7.0, 14.0)], [MISSION.drones[1].origin_m[:2]]]
 
 
 def test_one_that_did_not_take_part_at_the_last_contact_has_no_line_as_the_others_have_none():
@@ -384,21 +373,21 @@ def test_who_is_started_late_waits_whether_it_hears_one_that_has_measured():
     assert (hood.absence.missing, hood.listens) == (("b",), False)
 
 
-def test_one_that_was_on_its_way_home_is_told_that_it_is_not_heard():
-    """Only its sending had failed: it flew home low, as it took itself to be heard."""
+def test_a_drone_on_its_way_home_gets_to_know_that_it_is_not_heard():
+    """Only its sending had failed: it flew home low, and counted its link as two-way."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     for message in (pose(), status(Stage.RETURN)):
         assert peers.receive(message, 0) is None
     me, found = Self(SECOND // 2, 0, 0.1, Transform()), []
     for now_s in (0.5, 2.0, 500.0):
         hood.around(peers, replace(me, now_ns=round(now_s * SECOND)))
-        found.append((hood.absence, hood.unheard))
-    assert found == [(None, ()), (None, ("b",)), (None, ())]
+        found.append((hood.absence, hood.silences_ns(peers, round(now_s * SECOND))))
+    assert found == [(None, {"b": round(now_s * SECOND)}) for now_s in (0.5, 2.0, 500.0)]
 
 
 def test_one_that_is_told_on_its_way_home_that_it_is_not_heard_crosses_in_its_layer():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    for message in (pose(), status(Stage.TRACK), replace(plan(), unheard=("a",))):
+    for message in (replace(pose(), stage=Stage.TRACK, silences_ns={"a": 2 * SECOND}), plan()):
         assert peers.receive(message, 0) is None
     hood.around(peers, Self(SECOND // 2, 0, 0.1, Transform(), returning_s=5.0))
     assert hood.absence.missing == hood.absence.unhearing == ("b",)  # then its guidance knows of drones that do not hear it
@@ -466,7 +455,7 @@ def test_an_agent_that_is_restarted_knows_of_those_that_circled_and_may_be_anywh
 
 def test_what_has_been_heard_since_a_restart_is_newer_than_what_was_remembered():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    hood.remember({"b": LastNews.of(pose(), status(Stage.SURVEY), None)})
+    hood.remember({"b": LastNews.of(replace(pose(), stage=Stage.SURVEY), None)})
     me = Self(SECOND, 0, 0.1, Transform(), resumed=True)
     hood.around(peers, me)
     assert peers.receive(pose(SECOND), SECOND) is None
@@ -478,7 +467,7 @@ def test_what_has_been_heard_since_a_restart_is_newer_than_what_was_remembered()
 
 def test_one_that_tells_after_a_restart_that_it_is_on_the_ground_is_remembered_no_more():
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    hood.remember({"b": LastNews.of(pose(), status(Stage.SURVEY), None)})
+    hood.remember({"b": LastNews.of(replace(pose(), stage=Stage.SURVEY), None)})
     assert peers.receive(status(Stage.LANDED), SECOND) is None
     assert hood.around(peers, Self(SECOND, 0, 0.1, Transform(), resumed=True)) == []
     assert hood.last_news(peers, SECOND) == {}
@@ -490,19 +479,18 @@ def test_one_that_has_landed_is_not_remembered_and_a_line_that_no_file_can_hold_
         assert peers.receive(message, 0) is None
     assert hood.last_news(peers, 3 * SECOND) == {}
     for offset in (math.nan, math.inf):
-        assert LastNews.of(pose(), status(Stage.SURVEY), Wall((1.0, 0.0), offset)).wall is None
-    assert LastNews.of(pose(-1), status(Stage.SURVEY), None) is None  # the own clock was set back to before 1970
+        assert LastNews.of(replace(pose(), stage=Stage.SURVEY), Wall((1.0, 0.0), offset)).wall is None
+    assert LastNews.of(replace(pose(-1), stage=Stage.SURVEY), None) is None  # the own clock was set back to before 1970
 
 
 @pytest.mark.parametrize("told_s", [0.0, 60.0])
 def test_news_of_before_a_restart_are_old_even_if_the_clock_was_set_back_meanwhile(told_s):
     """Accepted as messages of a heard drone, the old ones had it fly backwards, and all its later messages counted as older."""
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
-    hood.remember({"b": LastNews.of(pose(round(told_s * SECOND)), status(Stage.TRACK), None)})
+    hood.remember({"b": LastNews.of(replace(pose(round(told_s * SECOND)), stage=Stage.TRACK), None)})
     for now_s in (30, 32):
         hood.around(peers, Self(now_s * SECOND, 0, 0.1, Transform(), resumed=True))
     assert hood.absence.missing == ("b",)
-    assert peers["b"].launch is None  # the launch place is left
     assert peers.receive(pose(32 * SECOND), 32 * SECOND) is None
 
 
@@ -568,13 +556,14 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
-    for message in (pose(), status(Stage.SURVEY), plan()):
+    for message in (replace(pose(), stage=Stage.SURVEY), plan()):
         assert peers.receive(message, 0) is None
     assert [(one.plan.blind, one.takes_part) for one in hood.around(peers, me)] == [(False, True)]
     assert hood.absence is None
     for stamp_ns in (SECOND, 2 * SECOND):  # flies on, and belongs to a circle by then
-        told = (replace(pose(stamp_ns), position_m=(3.0, 0.0, 3.0)), replace(plan(stamp_ns), unheard=("a",)))
-        for message in (*told, replace(status(Stage.TRACK), stamp_ns=stamp_ns)):
+        silences_ns = {"a": stamp_ns + 1}
+        told = replace(pose(stamp_ns), position_m=(3.0, 0.0, 3.0), stage=Stage.TRACK, silences_ns=silences_ns), plan(stamp_ns)
+        for message in told:
             assert peers.receive(message, stamp_ns) is None
         side, heard = hood.around(peers, replace(me, now_ns=stamp_ns, circle=BOTH_ON))
         assert side.plan.away is not None
@@ -584,16 +573,16 @@ def test_one_that_is_heard_but_does_not_hear_this_drone_is_left_its_side_and_nev
         assert absence.walls["b"].offset == pytest.approx(-HALF_WAY_M)
     again = plan(5 * SECOND // 2)
     again = replace(again, positions_m=tuple((x + 3.0, y, z) for x, y, z in again.positions_m))
-    for message in (again, replace(pose(5 * SECOND // 2), position_m=(4.0, 0.0, 3.0))):
+    for message in (again, replace(pose(5 * SECOND // 2), position_m=(4.0, 0.0, 3.0), stage=Stage.TRACK)):
         assert peers.receive(message, 5 * SECOND // 2) is None
     (heard,) = hood.around(peers, replace(me, now_ns=5 * SECOND // 2))
     assert (heard.takes_part, hood.absence) == (True, None)
 
 
-def heard_from(hood, peers, me, stamp_ns, x, unheard=(), stage=Stage.SURVEY):
-    """Peer b is heard at a place, and publishes its lost links; a's neighbours 0.3 s later."""
-    told = replace(plan(stamp_ns), unheard=unheard) if unheard else plan(stamp_ns)
-    for message in (replace(pose(stamp_ns), position_m=(x, 0.0, 3.0)), told, replace(status(stage), stamp_ns=stamp_ns)):
+def heard_from(hood, peers, me, stamp_ns, x, silence_ns=0, stage=Stage.SURVEY):
+    """Peer b is heard at a place, and reports how long a has been silent; a's neighbours 0.3 s later."""
+    told = replace(pose(stamp_ns), position_m=(x, 0.0, 3.0), stage=stage, silences_ns={"a": silence_ns})
+    for message in (told, plan(stamp_ns)):
         assert peers.receive(message, stamp_ns) is None
     return hood.around(peers, replace(me, now_ns=stamp_ns + 3 * SECOND // 10))
 
@@ -607,11 +596,11 @@ def test_the_line_stays_where_the_first_of_the_two_directions_was_lost():
         if silent_first:
             hood.around(peers, replace(me, now_ns=5 * SECOND))
         else:
-            heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
+            heard_from(hood, peers, me, SECOND + 1, 1.0, SECOND + 1)
         first = hood.absence.walls["b"]
         assert hood.absence.unhearing == (() if silent_first else ("b",))
         if silent_first:
-            heard_from(hood, peers, me, 10 * SECOND, 30.0, unheard=("a",))
+            heard_from(hood, peers, me, 10 * SECOND, 30.0, 7 * SECOND)
         else:
             hood.around(peers, replace(me, now_ns=5 * SECOND))
         assert hood.absence.walls == {"b": first}
@@ -625,21 +614,23 @@ def test_drones_on_the_circle_stand_for_one_that_does_not_hear_them_as_it_stands
     me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING, circle=BOTH_ON)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     heard_from(hood, peers, me, 0, 0.0, stage=Stage.TRACK)
-    for second in (1, 4, 20):
-        heard_from(hood, peers, me, second * SECOND, 1.0, unheard=("a",), stage=Stage.TRACK)
+    for second in (2, 4, 20):
+        heard_from(hood, peers, me, second * SECOND, 1.0, second * SECOND, stage=Stage.TRACK)
         hovers = [] if second == 20 else [pytest.approx((10.0, 0.0), abs=1e-6), pytest.approx((10.0, 4.0))]
         assert (hood.absence.stops.tolist(), hood.absence.unhearing) == (hovers, ("b",))
         assert hood.absence.coming_home == ()  # heard, not returning
 
 
-def test_one_that_was_told_not_to_hear_this_drone_hears_it_again_only_when_it_plans_so():
+def test_a_one_way_peer_hears_this_drone_again_only_by_its_own_report():
     me = Self(0, 0, 0.1, Transform(), motion_at=lambda _: STANDING)
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
     heard_from(hood, peers, me, 0, 0.0)
-    heard_from(hood, peers, me, SECOND, 1.0, unheard=("a",))
+    heard_from(hood, peers, me, SECOND + 1, 1.0, SECOND + 1)
     first = hood.absence.walls["b"]
     for second in range(2, 9):  # manual override for a while, no plans published
-        assert peers.receive(replace(pose(second * SECOND), position_m=(9.0, 0.0, 3.0)), second * SECOND) is None
+        silences_ns = {"a": second * SECOND}
+        told = replace(pose(second * SECOND), position_m=(9.0, 0.0, 3.0), stage=Stage.HOLD, silences_ns=silences_ns)
+        assert peers.receive(told, second * SECOND) is None
         hood.around(peers, replace(me, now_ns=second * SECOND + SECOND // 2))
         assert (hood.absence.walls, hood.absence.unhearing) == ({"b": first}, ("b",))
     heard_from(hood, peers, me, 9 * SECOND, 9.0)
@@ -661,7 +652,7 @@ def test_the_line_does_not_move_with_an_epoch_of_the_other_one():
         hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
         heard_from(hood, peers, me, 0, 0.0)
         assert peers.receive(replace(pose(SECOND), position_m=(100.0 * before, 0.0, 3.0), epoch=before), SECOND) is None
-        heard_from(hood, peers, me, 2 * SECOND, 0.0, unheard=("a",))
+        heard_from(hood, peers, me, 2 * SECOND, 0.0, 2 * SECOND)
         lines.append(hood.absence.walls["b"])
     assert lines[0] == lines[1]
 
@@ -854,3 +845,41 @@ def test_one_that_is_seen_only_a_few_times_may_have_become_as_fast_as_any(told_m
     (one,) = hood.around(peers, Self(round(now_s * SECOND), 0, 0.1, Transform(), ahead=lambda: np.zeros((1, 3)), height_m=3.0))
     x, y = one.plan.at(round(now_s * SECOND), 0.0)
     assert math.hypot(x - 10.0, y - 5.0) < 2.0 * one.plan.sigma_m
+
+
+@pytest.mark.parametrize("lost_s", [0.0, 0.2, 0.6, 0.9, 1.5])
+@pytest.mark.parametrize("first", ["a", "b"])
+def test_both_drones_derive_one_line_whichever_direction_is_lost_first(lost_s, first):
+    """Each took its own last pose for the contact: with poses of one direction lost for another second, the lines of both sides
+    lay up to 5 m apart, and each drone had its line beyond the other one's.
+
+    a flies past b at 5 m/s, 10 m away: the line turns with the time of the contact.
+    """
+    speed_mps = {"a": 5.0, "b": 0.0}
+
+    def moves(name):
+        beside_m = 0.0 if name == "a" else -10.0
+        return lambda stamp_ns: PeerState((stamp_ns / SECOND * speed_mps[name], beside_m, 3.0), (speed_mps[name], 0.0, 0.0))
+
+    mission = replace(MISSION, drones=tuple(DroneInMission(id=name) for name in "ab"))
+    graph = FrameGraph.from_launch_layout(mission)
+    hoods = {name: Neighbourhood(mission, graph, name) for name in "ab"}
+    peers = {"a": Peers(["b"]), "b": Peers(["a"])}
+    end_s = {name: 3.0 if name == first else 3.0 + lost_s for name in "ab"}  # the last pose of each that arrives
+    for tick in range(60):
+        now_ns = tick * SECOND // 10
+        told = {}
+        for name, other in ("ab", "ba"):
+            silences_ns, state = hoods[name].silences_ns(peers[name], now_ns), moves(name)(now_ns)
+            where = {"position_m": state.position, "velocity_mps": state.velocity}
+            told[other] = replace(pose(now_ns), drone=name, stage=Stage.SURVEY, silences_ns=silences_ns, **where)
+        for other, message in told.items():
+            if tick / 10 <= end_s[message.drone]:
+                assert peers[other].receive(message, now_ns) is None
+        for name in "ab":
+            hoods[name].around(peers[name], Self(now_ns, 0, 0.1, Transform(), motion_at=moves(name)))
+    one, other = hoods["a"].absence.walls["b"], hoods["b"].absence.walls["a"]
+    turned_rad = math.dist(one.normal, [-part for part in other.normal])
+    pose_m = 0.1 * 5.0  # flown in a pose period
+    assert turned_rad < 1.01 * pose_m / 10.0
+    assert abs(one.offset + other.offset) < 1.01 * pose_m

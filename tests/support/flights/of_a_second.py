@@ -14,7 +14,9 @@ def at(kind, second):
     sigmas = {"position_sigma_m": 0.1, "yaw_sigma_rad": 0.1}
     match kind:
         case "pose":
-            return Pose(**stamp, **sigmas, position_m=place, velocity_mps=(1.0, 0.0, 0.0), quaternion=UNIT)
+            facts = {"silences_ns": {"d2": 0}, "home_m": (0.0, 0.0, 0.0)}
+            where = {"position_m": place, "velocity_mps": (1.0, 0.0, 0.0), "quaternion": UNIT}
+            return Pose(**stamp, **sigmas, **where, **facts)
         case "plan":
             return Plan(**stamp, step_ns=SECOND // 10, positions_m=(place, (second + 0.1, 0.0, 3.0)))
         case "exposure":

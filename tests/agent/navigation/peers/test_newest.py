@@ -59,35 +59,6 @@ def test_news_stays_as_old_as_it_is_when_the_own_clock_is_set(step_ms):
     assert one._peers["d2"].sources.second_places(sent_ns) == []
 
 
-def test_a_drone_launches_where_it_stands_and_not_where_its_agent_is_started_again_in_flight():
-    """The second agent reports that it is on the ground: a launch there would move the vehicle's home to its position in
-    flight.
-    """
-    peers, launches = Peers(["d2"]), []
-    stages = [(0, Stage.PREFLIGHT), (2, Stage.TAKEOFF), (9, Stage.TRACK), (20, Stage.PREFLIGHT), (22, Stage.HOLD),
-              (40, Stage.LANDED), (42, Stage.PREFLIGHT), (50, Stage.TAKEOFF)]  # fmt: skip
-    for second, stage in stages:
-        stamp_ns, in_air = START_NS + 1000 * MS * second, second not in (0, 40, 42)
-        peers.receive(replace(heard(stamp_ns, 0), stage=stage), stamp_ns)
-        for later_ns in range(0, 2000 * MS, 500 * MS):
-            peers.receive(replace(pose(stamp_ns + later_ns), in_air=in_air), stamp_ns + later_ns)
-        launches.append((peers["d2"].launch.stamp_ns - START_NS) / (1000 * MS))
-    assert launches == [1.5, 1.5, 1.5, 1.5, 1.5, 41.5, 43.5, 43.5]
-
-
-def test_an_agent_started_in_flight_that_waits_for_its_telemetry_does_not_launch_where_its_first_poses_are():
-    """The agent reports "on the ground" for 6 s; its first poses, at 8 m, come before its next status."""
-    peers = Peers(["d2"])
-    stages = [(20.0, Stage.TRACK), (30.0, Stage.PREFLIGHT), (33.0, Stage.PREFLIGHT), (36.0, Stage.PREFLIGHT), (36.5, Stage.TRACK)]
-    for second, stage in stages:
-        stamp_ns = START_NS + round(1000 * second) * MS
-        peers.receive(replace(heard(stamp_ns, 0), stage=stage), stamp_ns)
-        if second in (20.0, 36.0):
-            in_air_ns = stamp_ns + 100 * MS
-            assert peers.receive(replace(pose(in_air_ns), position_m=(40.0, 0.0, 8.0)), in_air_ns) is None
-    assert peers["d2"].launch is None
-
-
 def heard(stamp_ns, delay_ns):
     return Status(stamp_ns=stamp_ns, drone="d2", mission="0" * 16, boot="2" * 16, stage=Stage.TRACK, delays_ns={"d1": delay_ns})
 

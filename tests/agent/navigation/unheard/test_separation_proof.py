@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import shapely
 from encounter import least_m
+from msgspec.structs import replace
+from of_a_second import at
 
 from radron.agent.config.drone import ResponseConfig
 from radron.agent.config.mission import (
@@ -32,11 +34,11 @@ from radron.agent.navigation.peers import newest
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.unheard import agentless, contact, crossing, lines, relayed, silent, viewer
 from radron.agent.navigation.unheard.agentless import Agentless
-from radron.agent.navigation.unheard.contact import SILENT_NS, wall_between
+from radron.agent.navigation.unheard.contact import SILENT_NS, link_state, wall_between
 from radron.agent.navigation.unheard.crossing import crossing_height_m, is_over_m
 from radron.agent.navigation.unheard.silent import Silent
 from radron.agent.navigation.unheard.viewer import Viewer
-from radron.protocol.messages import Stage, Status
+from radron.protocol.messages import Stage
 
 PAGE = (docs_pages.DOCS / "design" / "separation.md").read_text(encoding="utf-8")
 LIMITS = LimitsConfig()
@@ -59,7 +61,7 @@ VALUES = {
     "DOUBT_SIGMAS": separation.DOUBT_SIGMAS,
     "_ROWS": steering._ROWS,
     "SILENT_NS": contact.SILENT_NS * 1e-9,
-    "QUIET_NS": silent.QUIET_NS * 1e-9,
+    "QUIET_NS": contact.QUIET_NS * 1e-9,
     "OLDEST_NS": newest.OLDEST_NS * 1e-9,
     "LEAVING_NS": relayed.LEAVING_NS * 1e-9,
     "_BEHIND_M": viewer._BEHIND_M,
@@ -219,15 +221,15 @@ def parted(rng, count):
 
 
 def absence_of(config, me, component):
-    """Consequences for one drone, from the statuses of its component."""
+    """Consequences for one drone, from the poses of its component."""
     names = [member.id for member in config.drones]
     peers, partners = Peers([name for name in names if name != me]), [name for name in component if name != me]
     for name in partners:
-        heard = {other: 1_000_000 for other in component if other != name}
-        told = Status(stamp_ns=NOW_NS, drone=name, mission="0" * 16, boot="1" * 16, stage=Stage.SURVEY, delays_ns=heard)
+        told = replace(at("pose", NOW_NS // SECOND), drone=name, stage=Stage.SURVEY, silences_ns=dict.fromkeys(component, 0))
         assert peers.receive(told, NOW_NS) is None
     missing = [name for name in names if name not in component]
-    return Silent(config, me).absence(missing, partners, peers, NOW_NS)
+    links = {name: link_state(peers[name], me, NOW_NS, revoked=False) for name in peers.names}
+    return Silent(config, me).absence(missing, partners, peers, links, NOW_NS)
 
 
 def test_components_fly_on_different_circles_and_one_of_them_at_most_stays_low():

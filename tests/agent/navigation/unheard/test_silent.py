@@ -5,8 +5,9 @@ from msgspec.structs import replace
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.agent.navigation.peers.newest import Peers
+from radron.agent.navigation.unheard.contact import link_state
 from radron.agent.navigation.unheard.silent import LEFT_S, Silent
-from radron.protocol.messages import Pose, Stage, Status
+from radron.protocol.messages import Pose, Stage
 
 NAMES = ("a", "b", "c", "d")
 MISSION = MissionConfig(
@@ -36,19 +37,18 @@ def ring(me, missing, hears, obeying=(), since_s=LEFT_S, home=()):
     ``home``: the heard peers that have returned.
     """
     peers = Peers([name for name in NAMES if name != me])
+    for name in missing:  # lost just now
+        assert peers.receive(replace(DOWN, drone=name), NOW_NS) is None
     for name, heard in hears.items():
-        delays_ns = dict.fromkeys(heard, 1_000_000)
         stage = Stage.LANDED if name in home else Stage.TRACK
-        told = Status(stamp_ns=0, drone=name, mission="0" * 16, boot="1" * 16, stage=stage, delays_ns=delays_ns)
-        assert peers.receive(told, 0) is None
-        if name in home:
-            assert peers.receive(replace(DOWN, drone=name), NOW_NS) is None
+        told = replace(DOWN, drone=name, stage=stage, silences_ns=dict.fromkeys(heard, 0))
+        assert peers.receive(told, NOW_NS) is None
     silent = Silent(MISSION, me)
     for name in obeying:
-        silent.obeys(name, NOW_NS - round(since_s * 1e9))
-        silent.obeys(name, NOW_NS)  # reported again and again
+        silent.beliefs[name].obeys_ns = NOW_NS - round(since_s * 1e9)
     partners = [name for name in hears if name not in home]
-    return silent.absence(missing, partners, peers, NOW_NS).ring
+    links = {name: link_state(peers[name], me, NOW_NS, revoked=False) for name in peers.names}
+    return silent.absence(missing, partners, peers, links, NOW_NS).ring
 
 
 def test_two_sides_fly_on_the_circles_of_their_first():

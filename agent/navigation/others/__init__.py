@@ -1,0 +1,1 @@
+"""The other drones: what is known of each."""
