@@ -43,8 +43,8 @@ from radron.protocol.units import (
     Variance,
 )
 
-LONGEST_EXPOSURE_NS = 60_000_000_000  # readable: records of former releases may hold exposures of this length
-MAX_EXPOSURE_NS = 2_000_000_000  # accepted by a log
+MAX_READABLE_EXPOSURE_NS = 60_000_000_000  # readable: records of former releases may hold exposures of this length
+MAX_LOGGED_EXPOSURE_NS = 2_000_000_000  # accepted by a log
 SIGNATURE_BYTES = 64  # Ed25519
 Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
@@ -176,10 +176,9 @@ class Exposure(Entry, frozen=True, kw_only=True):
     """The number of photons that a drone's camera has counted from ``stamp_ns`` until before ``end_ns``, and where the drone was.
 
     Intervals without photons are published, too, since they show where no source is. An interval lasts at most
-    ``MAX_EXPOSURE_NS``; exposures of a drone that overlap are not evaluated. ``live_time_s``: the part of the interval in which
-    the camera could register photons. ``spectrum``: the counts by energy. ``carried``: only in later epochs of a drone whose
-    first local frame is exactly known, the transform to that first frame.
-    """
+    ``MAX_LOGGED_EXPOSURE_NS``; exposures of a drone that overlap are not evaluated. ``live_time_s``: the part of the interval in
+    which the camera could register photons. ``spectrum``: the counts by energy. ``carried``: only in later epochs of a drone
+    whose first local frame is exactly known, the transform to that first frame."""
 
     epoch: Epoch
     end_ns: StampNs
@@ -199,7 +198,7 @@ class Exposure(Entry, frozen=True, kw_only=True):
         duration_ns = self.end_ns - self.stamp_ns
         if duration_ns <= 0:
             return "it ends before it begins"
-        if duration_ns > LONGEST_EXPOSURE_NS:
+        if duration_ns > MAX_READABLE_EXPOSURE_NS:
             return "it is longer than a minute"
         if self.live_time_s > duration_ns * 1e-9 * 1.000001:
             return "its live time is longer than itself"

@@ -34,8 +34,8 @@ REVOKED_NAME = ObjectIdentifier("2.25.177823990817045893047311286452150417643") 
 MAY_REVOKE = ObjectIdentifier(
     "2.25.310625242103966218502359838253349438665"
 )  # in a certificate: the right to revoke others in flight
-MOST_BYTES = 2048  # of a certificate; ours have about 400
-_MOST_FILE_BYTES = 64 * 1024
+MAX_CERTIFICATE_BYTES = 2048  # of a certificate; ours have about 400
+_MAX_FILE_BYTES = 64 * 1024
 _SERIAL = "has a serial number that is not positive (RFC 5280, 4.1.2.2)"
 _UNREADABLE = (ValueError, TypeError, x509.InvalidVersion, x509.DuplicateExtension, UnsupportedAlgorithm)
 
@@ -109,7 +109,7 @@ class Authority:
             IdentityError: the bytes are no certificate; it is self-signed or of another authority; or it lacks a proper name or
                 role.
         """
-        if len(der) > MOST_BYTES:
+        if len(der) > MAX_CERTIFICATE_BYTES:
             raise IdentityError(f"is too large for a certificate: {len(der)} bytes")
         try:
             certificate = _loaded(x509.load_der_x509_certificate, der)
@@ -308,12 +308,12 @@ def _unread(error: Exception) -> str:
 def _read(file: Path) -> bytes:
     try:
         with file.open("rb") as stream:
-            data = stream.read(_MOST_FILE_BYTES + 1)
+            data = stream.read(_MAX_FILE_BYTES + 1)
     except PermissionError as error:
         raise unusable(file, error) from None
     except OSError as error:
         raise IdentityError(f"{file}: {(error.strerror or 'cannot be read').lower()}; {_ISSUE}") from None
-    if len(data) > _MOST_FILE_BYTES:
+    if len(data) > _MAX_FILE_BYTES:
         raise IdentityError(f"{file}: is too large; {_ISSUE}")
     return data
 

@@ -53,11 +53,11 @@ from radron.protocol.units import (
     Velocity,
 )
 
-_FASTEST_MPS = 200.0
+_MAX_SPEED_MPS = 200.0
 PART_BYTES = 256 * 1024  # of an uploaded mission, at most
-MOST_PARTS = 12
-MOST_SOURCES = 8  # of an estimate
-MOST_EXCLUDED = 64  # nuclides of an estimate
+MAX_PARTS = 12
+MAX_SOURCES = 8  # of an estimate
+MAX_EXCLUDED = 64  # nuclides of an estimate
 MAX_ORDER_AGE_NS = 5_000_000_000  # of a command or an upload, from the operator's order to a drone's execution
 Becquerels = Annotated[float, Meta(ge=0.0, le=1e18)]
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
@@ -145,7 +145,7 @@ class Plan(DroneMessage, frozen=True, kw_only=True):
     def flaw(self) -> str | None:
         """Return an error text if two successive positions imply a speed above 200 m/s; else None."""
         places = self.positions_m
-        if len(places) > 1 and max(map(math.dist, places, places[1:])) > _FASTEST_MPS * 1e-9 * self.step_ns:
+        if len(places) > 1 and max(map(math.dist, places, places[1:])) > _MAX_SPEED_MPS * 1e-9 * self.step_ns:
             return "it jumps: two positions are further apart than 200 m/s allow"
         return None
 
@@ -199,8 +199,8 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     mission: MissionId
     estimator: Identifier
     digest: Digest
-    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=MOST_SOURCES)]  # the tracked source first
-    excluded_bq: Annotated[dict[Nuclide, Becquerels], Meta(max_length=MOST_EXCLUDED)] | UnsetType = UNSET
+    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=MAX_SOURCES)]  # the tracked source first
+    excluded_bq: Annotated[dict[Nuclide, Becquerels], Meta(max_length=MAX_EXCLUDED)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
         """Return an error text if the covariance of a source's position is not valid; else None."""
@@ -350,7 +350,7 @@ class Upload(Order, frozen=True, kw_only=True):
     ``parts``: the BLAKE2b-256 hashes of the parts into which the station has split the content, in order.
     """
 
-    parts: Annotated[tuple[PartHash, ...], Meta(min_length=1, max_length=MOST_PARTS)]
+    parts: Annotated[tuple[PartHash, ...], Meta(min_length=1, max_length=MAX_PARTS)]
 
 
 AnyDroneMessage = Credential | AnyEntry | Retraction | Pose | Plan | Frame | Estimate | Status | Revoked

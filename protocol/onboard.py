@@ -13,7 +13,7 @@ from radron.protocol.stages import ON_GROUND
 
 COMPATIBLE = "radron-nuc"  # type of computer that accepts a bundle
 REPORT_FILE = "report.json"  # in the agent's RUNTIME_DIRECTORY
-MOST_ATTEMPTS = 3  # boots of a slot before the boot loader takes the other slot (grub.cfg counts to the same number)
+MAX_BOOT_ATTEMPTS = 3  # boots of a slot before the boot loader takes the other slot (grub.cfg counts to the same number)
 
 
 class Release(Struct, frozen=True, kw_only=True):

@@ -13,8 +13,8 @@ from radron.protocol.entries import SIGNATURE_BYTES
 from radron.protocol.message import DroneMessage, StationMessage
 from radron.protocol.units import BootId, Certificate, Count, Identifier, StampNs
 
-MOST_BOOTS = 64  # of a revoked drone, with valid entries
-MOST_HELD = 16  # revocations that a drone keeps and relays
+MAX_REVOKED_BOOTS = 64  # of a revoked drone, with valid entries
+MAX_HELD_REVOCATIONS = 16  # revocations that a drone keeps and relays
 
 
 class Revocation(StationMessage, frozen=True, kw_only=True):
@@ -30,7 +30,7 @@ class Revocation(StationMessage, frozen=True, kw_only=True):
 
     member: Identifier
     until_ns: StampNs
-    last: Annotated[dict[BootId, Count], Meta(max_length=MOST_BOOTS)] = field(default_factory=dict)
+    last: Annotated[dict[BootId, Count], Meta(max_length=MAX_REVOKED_BOOTS)] = field(default_factory=dict)
     certificate: Certificate
     signature: Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)] = b""
 
@@ -68,5 +68,5 @@ class Revoked(DroneMessage, frozen=True, kw_only=True):
     ``obeying``: statements of revoked drones that they obey and return; at most one of each drone.
     """
 
-    held: Annotated[tuple[Revocation, ...], Meta(max_length=MOST_HELD)]
-    obeying: Annotated[tuple[Obeying, ...], Meta(max_length=MOST_HELD)] = ()
+    held: Annotated[tuple[Revocation, ...], Meta(max_length=MAX_HELD_REVOCATIONS)]
+    obeying: Annotated[tuple[Obeying, ...], Meta(max_length=MAX_HELD_REVOCATIONS)] = ()

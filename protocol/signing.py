@@ -23,10 +23,10 @@ from radron.protocol.message import StationMessage
 from radron.protocol.messages import Action, Command, Obeyed, Order, Status, Upload
 from radron.protocol.revocations import Obeying, Revocation
 
-MOST_IN_BATCH = 32  # entries; limits the place in a proof, and the proof's length
-MOST_ROOTS = 1024  # kept as verified
-MOST_CERTIFICATES = 256  # kept as read
-MOST_OF_BOOT = 4  # certificates; an honest agent has one
+MAX_BATCH_ENTRIES = 32  # entries; limits the place in a proof, and the proof's length
+MAX_VERIFIED_ROOTS = 1024  # kept as verified
+MAX_READ_CERTIFICATES = 256  # kept as read
+MAX_BOOT_CERTIFICATES = 4  # certificates; an honest agent has one
 DRONE, OPERATOR = "drone", "operator"  # as ``identity.Role``, which the pilot program must not import: it handles dates
 _HASH_BYTES = 16
 # Signed prefixes: a signature of one kind of message is invalid for every other kind.
@@ -146,8 +146,8 @@ def sign_entries(entries: Sequence[E], sign: Sign) -> Iterator[E]:
     A proof lets a receiver verify the entry without the others of its batch. Each entry must be as its receivers decode it
     (second result of ``codec.written``).
     """
-    for start in range(0, len(entries), MOST_IN_BATCH):
-        batch = entries[start : start + MOST_IN_BATCH]
+    for start in range(0, len(entries), MAX_BATCH_ENTRIES):
+        batch = entries[start : start + MAX_BATCH_ENTRIES]
         rows = _tree([_leaf(as_bytes(replace(entry, proof=b""))) for entry in batch])
         signature = sign(_ENTRIES + rows[-1][0])
         for place, entry in enumerate(batch):
@@ -218,10 +218,10 @@ class Verifier:
         members = self._boots.get(boot, ()) if member is None else (member,)
         if not any(one.verified(*signed) for one in members):
             return False
-        if member is not None and len(self._boots[boot]) < MOST_OF_BOOT:
+        if member is not None and len(self._boots[boot]) < MAX_BOOT_CERTIFICATES:
             self._boots[boot].append(member)
         self._roots[(*boot, *signed)] = None
-        if len(self._roots) > MOST_ROOTS:
+        if len(self._roots) > MAX_VERIFIED_ROOTS:
             self._roots.popitem(last=False)
         return True
 
@@ -323,7 +323,7 @@ class Verifier:
         except ProtocolError:
             return None
         self._read[certificate] = member
-        if len(self._read) > MOST_CERTIFICATES:
+        if len(self._read) > MAX_READ_CERTIFICATES:
             self._read.popitem(last=False)
         return member
 

@@ -21,11 +21,11 @@ from radron.protocol.codec import MAX_PAYLOAD_BYTES
 from radron.protocol.errors import ProtocolError
 from radron.protocol.units import BootId, Count, DroneId, MissionId
 
-BLOCK = 64  # sequence numbers; block k begins with the number k * BLOCK
+BLOCK_ENTRIES = 64  # sequence numbers; block k begins with the number k * BLOCK_ENTRIES
 HASH_BYTES = 16
-MOST_BLOCKS = 64  # of all publishers together; the next summary has other blocks
-MOST_PUBLISHERS = 256  # one for each start of each agent
-MOST_RANGES = 2500  # of all publishers together: fits into a payload at 9 bytes a number
+MAX_BLOCKS = 64  # of all publishers together; the next summary has other blocks
+MAX_SUMMARY_PUBLISHERS = 256  # one for each start of each agent
+MAX_RANGES = 2500  # of all publishers together: fits into a payload at 9 bytes a number
 
 
 class Held(NamedTuple):
@@ -47,15 +47,15 @@ Summary = Mapping[tuple[str, str], Held]  # by drone and boot
 class _Publisher(Struct, frozen=True, array_like=True):
     drone: DroneId
     boot: BootId
-    bounds: Annotated[tuple[Count, ...], Meta(max_length=2 * MOST_RANGES)]
+    bounds: Annotated[tuple[Count, ...], Meta(max_length=2 * MAX_RANGES)]
     cut: Count | None
-    blocks: Annotated[tuple[Count, ...], Meta(max_length=MOST_BLOCKS)]
+    blocks: Annotated[tuple[Count, ...], Meta(max_length=MAX_BLOCKS)]
     hashes: bytes
 
 
 class _Document(Struct, frozen=True, array_like=True):
     mission: MissionId
-    publishers: Annotated[tuple[_Publisher, ...], Meta(max_length=MOST_PUBLISHERS)]
+    publishers: Annotated[tuple[_Publisher, ...], Meta(max_length=MAX_SUMMARY_PUBLISHERS)]
 
 
 def encode_summary(mission: str, summary: Summary) -> bytes:
@@ -64,8 +64,8 @@ def encode_summary(mission: str, summary: Summary) -> bytes:
     If the log has more gaps than fit, the oldest ranges are sent, evenly over the publishers. The peer then sends some entries
     unnecessarily, but the oldest gaps close first, so that repeated queries obtain all entries.
     """
-    publishers = list(summary.items())[:MOST_PUBLISHERS]
-    share = MOST_RANGES // max(1, len(publishers))
+    publishers = list(summary.items())[:MAX_SUMMARY_PUBLISHERS]
+    share = MAX_RANGES // max(1, len(publishers))
     payload: bytes = msgpack.packb((mission, [(*publisher, *_told(held, share)) for publisher, held in publishers]))
     return payload
 
@@ -83,16 +83,16 @@ def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], Held]]:
             payload,
             use_list=False,
             max_str_len=64,
-            max_bin_len=HASH_BYTES * MOST_BLOCKS,
-            max_array_len=2 * MOST_RANGES,
+            max_bin_len=HASH_BYTES * MAX_BLOCKS,
+            max_array_len=2 * MAX_RANGES,
             max_map_len=0,
             max_ext_len=0,
         )
         document = msgspec.convert(content, _Document)
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise ProtocolError(f"not a summary: {str(error)[:120]}") from None
-    if sum(len(entry.blocks) for entry in document.publishers) > MOST_BLOCKS:
-        raise ProtocolError(f"not a summary: it has hashes of more than {MOST_BLOCKS} blocks")
+    if sum(len(entry.blocks) for entry in document.publishers) > MAX_BLOCKS:
+        raise ProtocolError(f"not a summary: it has hashes of more than {MAX_BLOCKS} blocks")
     return document.mission, {
         (entry.drone, entry.boot): Held(_ranges(entry.bounds), entry.cut, _blocks(entry)) for entry in document.publishers
     }
@@ -101,7 +101,7 @@ def decode_summary(payload: bytes) -> tuple[str, dict[tuple[str, str], Held]]:
 def _told(held: Held, share: int) -> tuple[list[int], int | None, list[int], bytes]:
     """Return a publisher's oldest ranges, at most its share, its cut, and its blocks within these ranges with their hashes."""
     ranges, end = held.ranges[:share], held.ranges[share - 1][1] + 1 if len(held.ranges) > share else None
-    blocks = [(block, told) for block, told in held.blocks if end is None or (block + 1) * BLOCK <= end]
+    blocks = [(block, told) for block, told in held.blocks if end is None or (block + 1) * BLOCK_ENTRIES <= end]
     return list(chain.from_iterable(ranges)), held.cut, [block for block, _ in blocks], b"".join(told for _, told in blocks)
 
 

@@ -30,7 +30,7 @@ from radron.sim.world.localizers import check_vehicles
 from radron.sim.world.owncameras import OwnCamera
 from radron.sim.world.radio import RadioTruth
 from radron.sim.world.sightings import SightingTruth
-from radron.sim.world.sourcetruth import LONGEST_S, Duration, RandomSourcesTruth, SourceTruth
+from radron.sim.world.sourcetruth import MAX_COURSE_S, Duration, RandomSourcesTruth, SourceTruth
 from radron.sim.world.terrain import TerrainTruth
 from radron.sim.world.walls import WallTruth
 
@@ -115,8 +115,8 @@ class Scenario(_Section, frozen=True, kw_only=True):
                 source.check(area, where, name)
         if self.random_sources is not None:
             self.random_sources.check(area, where)
-        if (self.mission.track.duration_s or 0.0) > LONGEST_S:
-            raise ConfigError(f"{where}: mission.track.duration_s: a simulated flight tracks for at most {LONGEST_S:g} s")
+        if (self.mission.track.duration_s or 0.0) > MAX_COURSE_S:
+            raise ConfigError(f"{where}: mission.track.duration_s: a simulated flight tracks for at most {MAX_COURSE_S:g} s")
         for wall in self.walls:
             wall.check(where)
         self.vehicle.check(where)

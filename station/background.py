@@ -27,7 +27,7 @@ from radron.station.picture.frame import Point, TileLevels
 
 MAX_LAYER_BYTES = 30_000_000
 MAX_POINTS = 300_000  # of all layers together
-DEEPEST = 24
+MAX_DEPTH = 24
 IMAGES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 _MARKUP = re.compile(r"<[^>]*>")
 
@@ -134,8 +134,8 @@ class MbTiles:
             raise BackgroundError(f"{path}: holds tiles of the format {kind!r}; images are needed: {', '.join(IMAGES)}")
         if low is None:
             raise BackgroundError(f"{path}: holds no tile")
-        if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high <= DEEPEST):
-            raise BackgroundError(f"{path}: its zoom levels are {low!r} to {high!r}; at most 0 to {DEEPEST} are shown")
+        if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high <= MAX_DEPTH):
+            raise BackgroundError(f"{path}: its zoom levels are {low!r} to {high!r}; at most 0 to {MAX_DEPTH} are shown")
         self._kind = IMAGES[kind]
         self.levels = TileLevels(low, high, _MARKUP.sub("", unescape(str(told.get("attribution", ""))))[:200])
 
@@ -153,7 +153,7 @@ class FolderTiles:
 
     def __init__(self, folder: Path) -> None:
         """Find the tiles in a folder. Raises BackgroundError if there are none."""
-        levels = sorted(int(path.name) for path in folder.iterdir() if path.name.isdecimal() and int(path.name) <= DEEPEST)
+        levels = sorted(int(path.name) for path in folder.iterdir() if path.name.isdecimal() and int(path.name) <= MAX_DEPTH)
         example = next((path for level in levels for path in folder.glob(f"{level}/*/*") if path.suffix[1:] in IMAGES), None)
         if example is None:
             raise BackgroundError(f"{folder}: holds no tiles: Z/X/Y.png, or one of {', '.join(IMAGES)}")
@@ -167,4 +167,4 @@ class FolderTiles:
 
 
 def _exists(z: int, x: int, y: int) -> bool:
-    return 0 <= z <= DEEPEST and 0 <= x < 2**z and 0 <= y < 2**z
+    return 0 <= z <= MAX_DEPTH and 0 <= x < 2**z and 0 <= y < 2**z

@@ -18,10 +18,10 @@ from radron.protocol.signing import Verifier
 from radron.station.hub import Hub
 from radron.station.picture.history import FRAME_MS
 
-HEARD_NS = 2_000_000_000  # a drone heard within this time counts as alive: records hold no liveliness tokens
+ALIVE_NS = 2_000_000_000  # a drone heard within this time counts as alive: records hold no liveliness tokens
 KNOWN_NS = 30_000_000_000
 REPLACED = ("pose", "plan", "frame", "estimate")  # frequent kinds: only the newest message counts
-_SLICE_S = 0.02  # of work, before pages are served
+SLICE_S = 0.02  # of work, before pages are served
 _TELL_S = 0.5
 
 
@@ -113,7 +113,7 @@ async def play(hub: Hub, records: Records, every_ms: int = FRAME_MS) -> None:
             shown_ns = now_ns
         while now_ns - shown_ns >= every_ms * 1_000_000:
             shown_ns += every_ms * 1_000_000
-            picture.appear([name for name, at_ns in last_ns.items() if shown_ns - at_ns < HEARD_NS])
+            picture.appear([name for name, at_ns in last_ns.items() if shown_ns - at_ns < ALIVE_NS])
             for one in newest.values():
                 picture.receive(one.key, one.payload, one.at_ns)
             newest.clear()
@@ -125,7 +125,7 @@ async def play(hub: Hub, records: Records, every_ms: int = FRAME_MS) -> None:
         else:
             picture.receive(heard.key, heard.payload, now_ns)
         last_ns[sender] = now_ns
-        if monotonic() - began_s > _SLICE_S:
+        if monotonic() - began_s > SLICE_S:
             if monotonic() - told_s > _TELL_S:
                 told_s = monotonic()
                 hub.report(records.share)

@@ -11,7 +11,7 @@ from radron.agent.detector.clustering import Clusters, cluster_many
 from radron.agent.detector.detection import ConeEvent
 from radron.agent.detector.files.calibration import PIXELS, Calibration
 from radron.agent.detector.readout import PIXEL_PITCH_MM, SENSOR_PIXELS, TICK_NS, PixelHits, Readout
-from radron.agent.detector.spectroscopy.recognition import LEAST_EVIDENCE, Recogniser
+from radron.agent.detector.spectroscopy.recognition import MIN_LINE_EVIDENCE, Recogniser
 from radron.agent.detector.spectroscopy.shapes import Reading
 
 BLOCKS = 4  # along each side of the sensor
@@ -106,7 +106,7 @@ class Collection:
 
     def _look(self) -> None:
         found = self._recogniser.look()
-        self.coarse_gain = found.gain if found is not None and found.evidence >= LEAST_EVIDENCE else 1.0
+        self.coarse_gain = found.gain if found is not None and found.evidence >= MIN_LINE_EVIDENCE else 1.0
         self._calibration = self._calibration.with_gain(self.coarse_gain)
         self._chain = self._new_chain()
         pending, self._pending = self._pending, []

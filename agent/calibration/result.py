@@ -14,7 +14,7 @@ from radron.agent.calibration.gain import Gain, fit_blocks, fit_gain
 from radron.agent.calibration.orientation import Orientation, fit_orientation
 from radron.agent.calibration.plan import HITS_PER_PIXEL, Source
 from radron.agent.detector.files.calibration import MAX_BAD_SHARE, PIXELS
-from radron.agent.detector.inspection import NOISY
+from radron.agent.detector.inspection import NOISY_RATIO
 from radron.agent.detector.spectroscopy.shapes import strongest_line_kev
 from radron.agent.geometry import Vector3
 
@@ -122,7 +122,7 @@ def judge_pixels(pixels: NDArray[np.int64]) -> tuple[tuple[int, ...], tuple[int,
     Dead pixels are None with too few hits.
     """
     typical = float(np.mean(np.sort(pixels)[: PIXELS - PIXELS // 100]))
-    noisy = np.flatnonzero(pixels > NOISY * max(1.0, typical))
+    noisy = np.flatnonzero(pixels > NOISY_RATIO * max(1.0, typical))
     dead = np.flatnonzero(pixels == 0) if np.median(pixels) >= HITS_PER_PIXEL - 1.0 else None
     return tuple(noisy.tolist()), None if dead is None else tuple(dead.tolist())
 

@@ -16,6 +16,7 @@ from radron.agent.detector.detection import ConeEvent, Detections
 from radron.agent.detector.files.calibration import Calibration
 from radron.agent.detector.files.t3pa import T3paReader, readouts
 from radron.agent.detector.imaging import Direction, DirectionScan
+from radron.agent.detector.inspection import SPECTRUM_BIN_KEV, SPECTRUM_BINS
 from radron.agent.detector.lines import CANDIDATES, lines_of
 from radron.agent.detector.spectroscopy.recognition import Recogniser, Recognition
 from radron.agent.detector.spectroscopy.residuals import told
@@ -40,8 +41,6 @@ CSV_COLUMNS = (
     "energy_sigma_kev",
     "separation_mm",
 )
-_BIN_KEV = 2.0
-_BINS = 1000
 _SURE = 100.0  # evidence above which the rest of a file cannot change the result
 
 
@@ -97,11 +96,11 @@ def analyse(
         OutputError: the CSV cannot be written, or is the recording itself.
         ConfigError: an unknown nuclide.
     """
-    spectrum = np.zeros(_BINS, np.int64)
+    spectrum = np.zeros(SPECTRUM_BINS, np.int64)
     recogniser = Recogniser()
 
     def count(energies_kev: Sequence[float] | NDArray[np.float64]) -> None:
-        spectrum[:] += np.histogram(energies_kev, _BINS, (0.0, _BINS * _BIN_KEV))[0]
+        spectrum[:] += np.histogram(energies_kev, SPECTRUM_BINS, (0.0, SPECTRUM_BINS * SPECTRUM_BIN_KEV))[0]
         recogniser.add(energies_kev)
 
     chain = DetectorChain(config, nuclide, calibration, on_energies=count)
@@ -181,7 +180,7 @@ def find_peak(spectrum: NDArray[np.int64], lines_kev: Iterable[float]) -> Peak |
 
     Centre and width come from the moments within 1.5 times the half width of a 5 % resolution, in two passes.
     """
-    centres = (np.arange(len(spectrum)) + 0.5) * _BIN_KEV
+    centres = (np.arange(len(spectrum)) + 0.5) * SPECTRUM_BIN_KEV
     best: Peak | None = None
     for line in lines_kev:
         near = np.abs(centres - line) <= 0.1 * line

@@ -11,7 +11,7 @@ from radron.agent.detector.clustering import Cluster
 SATELLITE_KEV = (14.0, 38.0)
 SATELLITE_REACH_MM = 1.2
 SATELLITE_PIXELS = 8
-_MOST_CLUSTERS = 10  # one photon makes fewer; a longer event is a pile-up and is left unchanged
+_MAX_CLUSTERS = 10  # one photon makes fewer; a longer event is a pile-up and is left unchanged
 
 
 def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Cluster]]:
@@ -40,7 +40,7 @@ def merge_satellites(event: list[Cluster]) -> list[Cluster]:
     position is kept. True recoil electrons of this kind are lost with them; they are rare, since Compton scattering by so small
     an angle is.
     """
-    if not 2 <= len(event) <= _MOST_CLUSTERS or not any(map(_may_be_satellite, event)):
+    if not 2 <= len(event) <= _MAX_CLUSTERS or not any(map(_may_be_satellite, event)):
         return event
     event = sorted(event, key=lambda cluster: cluster.energy_kev)
     merged = event.copy()

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from radron.agent.detector.files.calibration import Calibration
 from radron.agent.detector.readout import SENSOR_PIXELS
 
-SIDE = 32  # pixels; a side of the sensor has 8 blocks
-BLOCKS = (SENSOR_PIXELS // SIDE) ** 2
+BLOCK_PIXELS = 32  # pixels; a side of the sensor has 8 blocks
+SENSOR_BLOCKS = (SENSOR_PIXELS // BLOCK_PIXELS) ** 2
 MIN_HITS = 200  # in a block, on average, before one without any is dead: 20 clusters and more, by chance absent once in 1e8
 MIN_GOOD = 0.5  # share of a block's pixels with an energy by the calibration, below which it is not judged
 
@@ -22,16 +22,16 @@ class DeadBlocks:
     """
 
     def __init__(self, calibration: Calibration) -> None:
-        good = np.bincount(_block(np.arange(SENSOR_PIXELS**2)), calibration.good_pixels, BLOCKS) / SIDE**2
+        good = np.bincount(_block(np.arange(SENSOR_PIXELS**2)), calibration.good_pixels, SENSOR_BLOCKS) / BLOCK_PIXELS**2
         self._judged: NDArray[np.bool_] = good >= MIN_GOOD
         self._needed = MIN_HITS * int(np.count_nonzero(self._judged))
-        self._hits = np.zeros(BLOCKS, np.int64)
+        self._hits = np.zeros(SENSOR_BLOCKS, np.int64)
         self._total = 0
         self.dead = 0
 
     def add(self, index: NDArray[np.uint16]) -> None:
         """Add N pixel hits to the counts of their blocks (32 x 32 pixels). index: (N,) matrix indices of the pixels."""
-        self._hits += np.bincount(_block(index), minlength=BLOCKS)
+        self._hits += np.bincount(_block(index), minlength=SENSOR_BLOCKS)
         self._total += len(index)
         if self._total >= self._needed:
             self.dead = int(np.count_nonzero(self._judged & (self._hits == 0)))
@@ -42,11 +42,13 @@ class DeadBlocks:
         """A line for the operator while the sensor has dead blocks (32 x 32 pixels without a hit); empty otherwise."""
         if self.dead == 0:
             return ()
-        share = f"{self.dead} of {BLOCKS} blocks of the sensor"
-        return (f"camera: no hit in {share}: its counts are at least {self.dead / BLOCKS:.0%} low; calibrate it",)
+        share = f"{self.dead} of {SENSOR_BLOCKS} blocks of the sensor"
+        return (f"camera: no hit in {share}: its counts are at least {self.dead / SENSOR_BLOCKS:.0%} low; calibrate it",)
 
 
 def _block(index: NDArray[np.integer]) -> NDArray[np.integer]:
     """Blocks (N,) of pixels, row by row from the lowest."""
-    blocks: NDArray[np.integer] = (index // SENSOR_PIXELS) // SIDE * (SENSOR_PIXELS // SIDE) + index % SENSOR_PIXELS // SIDE
+    blocks: NDArray[np.integer] = (index // SENSOR_PIXELS) // BLOCK_PIXELS * (
+        SENSOR_PIXELS // BLOCK_PIXELS
+    ) + index % SENSOR_PIXELS // BLOCK_PIXELS
     return blocks

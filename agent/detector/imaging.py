@@ -11,12 +11,12 @@ from scipy.special import logsumexp
 
 from radron.agent.detector.detection import ConeEvent
 
-MOST_CONES = 5000  # more take time and improve less than the spacing of the fine grid
+MAX_IMAGED_CONES = 5000  # more take time and improve less than the spacing of the fine grid
 _GRID = 4000  # directions on the sphere, 3 degrees apart
 _FINE_RAD = np.deg2rad(0.25)
 _FINE_REACH = 24  # steps to each side
 _BLOCK = 50  # cones per array operation
-_LEAST_EVIDENCE = 5.0  # natural logarithm of the Bayes factor
+_MIN_IMAGE_EVIDENCE = 5.0  # natural logarithm of the Bayes factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +53,9 @@ class DirectionScan:
         self._numbers: list[NDArray[np.float64]] = []
 
     def add(self, cones: Iterable[ConeEvent]) -> None:
-        """Add Compton cones, up to MOST_CONES in total; further cones are ignored."""
+        """Add Compton cones, up to MAX_IMAGED_CONES in total; further cones are ignored."""
         for cone in cones:
-            if len(self._axis) == MOST_CONES:
+            if len(self._axis) == MAX_IMAGED_CONES:
                 return
             self._axis.append(cone.axis)
             self._numbers.append(np.stack((cone.theta_rad, cone.sigma_rad, cone.probability)))
@@ -72,7 +72,7 @@ class DirectionScan:
         theta, sigma, probability = np.stack(self._numbers, axis=1)
         coarse = _sphere(_GRID)
         log_likelihood = _log_likelihood(coarse, axis, theta, sigma, probability)
-        if logsumexp(log_likelihood) - np.log(_GRID) < _LEAST_EVIDENCE:
+        if logsumexp(log_likelihood) - np.log(_GRID) < _MIN_IMAGE_EVIDENCE:
             return None
         peak = coarse[log_likelihood.argmax()]
         spread = _rms_angle(coarse, log_likelihood, peak)

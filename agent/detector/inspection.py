@@ -19,10 +19,10 @@ from radron.agent.detector.readout import SATURATED_TOT, SENSOR_PIXELS, TICK_NS,
 from radron.agent.detector.spectroscopy.recognition import Recogniser
 
 MIN_HITS_PER_PIXEL = 10.0  # mean below which a pixel without hits says nothing: at 10 it is one healthy pixel in 22,000
-NOISY = 20.0  # times as many hits as the mean pixel
+NOISY_RATIO = 20.0  # times as many hits as the mean pixel
 MAX_NOISY_LISTED = 100
-BIN_KEV = 2.0
-BINS = 1000
+SPECTRUM_BIN_KEV = 2.0
+SPECTRUM_BINS = 1000
 _RATE_BIN_NS = 10_000_000
 MAX_RATE_BINS = 200
 MAX_CLUSTER_PIXELS = 40
@@ -80,7 +80,7 @@ class _Counts:
         self._calibration = calibration
         self.pixels = np.zeros(_PIXELS, np.int64)
         self.sizes = np.zeros(MAX_CLUSTER_PIXELS + 1, np.int64)
-        self.spectrum = np.zeros(BINS, np.int64)
+        self.spectrum = np.zeros(SPECTRUM_BINS, np.int64)
         self.recogniser = Recogniser()
         self.rate = np.zeros(0, np.int64)
         self.delays: list[NDArray[np.float64]] = []
@@ -104,7 +104,7 @@ class _Counts:
 
     def add_energies(self, energies_kev: Sequence[float] | NDArray[np.float64]) -> None:
         """Count events in the spectrum."""
-        self.spectrum += np.histogram(energies_kev, BINS, (0.0, BINS * BIN_KEV))[0]
+        self.spectrum += np.histogram(energies_kev, SPECTRUM_BINS, (0.0, SPECTRUM_BINS * SPECTRUM_BIN_KEV))[0]
         self.recogniser.add(energies_kev)
 
     def add_times(self, since_ns: NDArray[np.int64]) -> None:
@@ -214,7 +214,9 @@ def _dead_pixels(pixels: NDArray[np.int64]) -> int | None:
 
 
 def _noisy_pixels(pixels: NDArray[np.int64]) -> tuple[NoisyPixel, ...]:
-    """Return the pixels that fire ``NOISY`` times as often as the mean of the others, and than a single hit, the worst first."""
-    limit = NOISY * max(1.0, float(np.mean(np.sort(pixels)[: _PIXELS - _PIXELS // 100])))
+    """Return the pixels that fire ``NOISY_RATIO`` times as often as the mean of the others, and than a single hit, the worst
+    first.
+    """
+    limit = NOISY_RATIO * max(1.0, float(np.mean(np.sort(pixels)[: _PIXELS - _PIXELS // 100])))
     worst = np.argsort(-pixels, kind="stable")[:MAX_NOISY_LISTED]
     return tuple(NoisyPixel(int(k % SENSOR_PIXELS), int(k // SENSOR_PIXELS), int(pixels[k])) for k in worst if pixels[k] > limit)

@@ -14,7 +14,7 @@ from rich.table import Table
 from radron.agent.detector.files.calibration import Calibration, load_calibration
 from radron.agent.detector.files.frames import is_frame
 from radron.agent.detector.files.t3pa import T3paReader
-from radron.agent.detector.inspection import BIN_KEV, Inspection, inspect_frame, inspect_hits
+from radron.agent.detector.inspection import SPECTRUM_BIN_KEV, Inspection, inspect_frame, inspect_hits
 from radron.agent.detector.readout import SENSOR_PIXELS
 from radron.agent.outputs import check_output, replacing
 
@@ -121,9 +121,9 @@ def draw(figure: Figure, found: Inspection) -> None:
     picture = occupancy.imshow(pixels, origin="lower", cmap="viridis", vmin=0.0, vmax=top)
     figure.colorbar(picture, ax=occupancy, label="hits")
     occupancy.set(title="Hits of each pixel", xlabel="column", ylabel="row")
-    kev = (np.arange(len(found.spectrum)) + 0.5) * BIN_KEV
+    kev = (np.arange(len(found.spectrum)) + 0.5) * SPECTRUM_BIN_KEV
     spectrum.step(kev, found.spectrum, where="mid", linewidth=0.8)
-    spectrum.set(title=f"Energies of events: {_recognised(found)}", xlabel="keV", ylabel=f"events per {BIN_KEV:g} keV")
+    spectrum.set(title=f"Energies of events: {_recognised(found)}", xlabel="keV", ylabel=f"events per {SPECTRUM_BIN_KEV:g} keV")
     if any(found.spectrum):
         spectrum.set_yscale("log")
         spectrum.set_xlim(0.0, float(kev[np.flatnonzero(found.spectrum)[-1]]) * 1.05)

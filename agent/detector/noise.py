@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from radron.agent.detector.readout import SENSOR_PIXELS, PixelHits
 
 BEAT_NS = 100_000_000  # a burst falls within one beat, or two
-SHARE = 400  # rate limit of a pixel, in multiples of the mean of all pixels
-NOISY = 9.0  # sum of excess beats at which a pixel is masked
+MAX_RATE_RATIO = 400  # rate limit of a pixel, in multiples of the mean of all pixels
+NOISY_EXCESS = 9.0  # sum of excess beats at which a pixel is masked
 QUIET = 1.0  # most beats per period in which a masked pixel may fire and still count as quiet
 PERIOD_BEATS = 200
 MASK_PERIODS = 3  # consecutive quiet periods until a pixel is unmasked; doubled after each relapse
-LONGEST_MASK = 192  # an hour
+MAX_MASK_READOUTS = 192  # an hour
 _PIXELS = SENSOR_PIXELS**2
 
 
@@ -23,12 +23,12 @@ class NoiseMask:
     ``masked_hits`` counts the hits left out so far, ``pixels`` the pixels masked now.
 
     Time is divided into beats of 0.1 s. With m the mean number of hits of a healthy pixel in a beat, a pixel with c hits gains
-    min(c, 1 + SHARE m) - SHARE m. The gain is about 1 at most, however many hits a burst has, and negative while the pixel fires
-    no more than SHARE times as often as the mean. The sum is kept at 0 or above (Page's CUSUM test, Biometrika 41, 1954). A pixel
-    whose sum exceeds NOISY is masked. With background only, a pixel that fires 30 times a second is masked after a second, a
-    pixel that fires once a second after ten. A pixel that adds less than SHARE / 65536 = 0.6 % to the hits of all pixels is never
-    masked. Consequently more than 160 equally noisy pixels, such as a column or a row, raise the mean so far that none is masked.
-    Noise of that kind is not detected.
+    min(c, 1 + MAX_RATE_RATIO m) - MAX_RATE_RATIO m. The gain is about 1 at most, however many hits a burst has, and negative
+    while the pixel fires no more than MAX_RATE_RATIO times as often as the mean. The sum is kept at 0 or above (Page's CUSUM
+    test, Biometrika 41, 1954). A pixel whose sum exceeds NOISY_EXCESS is masked. With background only, a pixel that fires 30
+    times a second is masked after a second, a pixel that fires once a second after ten. A pixel that adds less than
+    MAX_RATE_RATIO / 65536 = 0.6 % to the hits of all pixels is never masked. Consequently more than 160 equally noisy pixels,
+    such as a column or a row, raise the mean so far that none is masked. Noise of that kind is not detected.
 
     A healthy pixel is not masked. At a mean of 0.0001 hits a second (the natural background) it would have to be hit ten times
     within minutes, and in any field 400 times as often as the other pixels. The border of a sensor irradiated from the side is
@@ -43,7 +43,7 @@ class NoiseMask:
         self.pixels = 0
         self._beat = 0
         self._fired: list[NDArray[np.uint16]] = []  # in this beat
-        self._expected = 0.0  # SHARE m, summed over all beats so far
+        self._expected = 0.0  # MAX_RATE_RATIO m, summed over all beats so far
         self._mark = np.zeros(_PIXELS)  # a pixel's sum when it last fired, plus _expected at that time
         self._fired_in_period = np.zeros(_PIXELS, np.bool_)  # fired in this period
         self._masked_periods = np.zeros(_PIXELS, np.int16)  # periods until it is unmasked; 0: not masked
@@ -99,7 +99,7 @@ class NoiseMask:
     def _judge(self, fired: NDArray[np.uint16]) -> None:
         """Evaluate a beat in which the pixels (N,) fired, each as often as listed, and mask the noisy ones."""
         healthy = np.count_nonzero(self._masked_periods[fired] == 0) if self.pixels else len(fired)
-        expected = SHARE * healthy / _PIXELS
+        expected = MAX_RATE_RATIO * healthy / _PIXELS
         most = 1 + round(expected)
         times: int | NDArray[np.intp] = 1  # where a pixel is listed twice, the assignment below would count it once
         if most > 1:
@@ -110,8 +110,8 @@ class NoiseMask:
         self._expected += expected
         if self.pixels:
             self._fired_in_period[fired[mark > self._expected + QUIET]] = True
-        if mark.max() > self._expected + NOISY:
-            self._mask_pixels(fired[mark > self._expected + NOISY])
+        if mark.max() > self._expected + NOISY_EXCESS:
+            self._mask_pixels(fired[mark > self._expected + NOISY_EXCESS])
 
     def _mask_pixels(self, noisy: NDArray[np.uint16]) -> None:
         """Mask the pixels among them that are not masked yet."""
@@ -119,7 +119,7 @@ class NoiseMask:
         if len(new) == 0:
             return
         new = np.unique(new)
-        self._term[new] = np.clip(2 * self._term[new], MASK_PERIODS, LONGEST_MASK)
+        self._term[new] = np.clip(2 * self._term[new], MASK_PERIODS, MAX_MASK_READOUTS)
         self._masked_periods[new] = self._term[new] + 1  # the rest of this period does not count
         self._mark[new] = 0.0
         self.pixels += len(new)

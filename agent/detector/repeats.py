@@ -9,9 +9,9 @@ from msgspec.structs import replace
 
 from radron.agent.detector.readout import PixelHits, Readout
 
-KEPT = 64  # readouts that the present one is compared with: 13 s of them
-LEAST_PIXELS = 3  # of a readout that is compared
-MOST_HITS = 512  # the first ones of a readout, by which it is compared: 0.3 ms at most
+KEPT_READOUTS = 64  # readouts that the present one is compared with: 13 s of them
+MIN_COMPARED_PIXELS = 3  # of a readout that is compared
+MAX_COMPARED_HITS = 512  # the first ones of a readout, by which it is compared: 0.3 ms at most
 
 
 class Repeats:
@@ -41,12 +41,12 @@ class Repeats:
         time 0: nothing was measured in it.
         """
         hits = readout.hits
-        if len(hits) >= LEAST_PIXELS and len(set(hits.index[:MOST_HITS].tolist())) >= LEAST_PIXELS:
+        if len(hits) >= MIN_COMPARED_PIXELS and len(set(hits.index[:MAX_COMPARED_HITS].tolist())) >= MIN_COMPARED_PIXELS:
             digest = _digest(hits)
             self._hangs = digest in self._kept
             self._kept[digest] = None
             self._kept.move_to_end(digest)
-            if len(self._kept) > KEPT:
+            if len(self._kept) > KEPT_READOUTS:
                 self._kept.popitem(last=False)
         if not self._hangs:
             return readout
@@ -55,6 +55,6 @@ class Repeats:
 
 
 def _digest(hits: PixelHits) -> bytes:
-    first = hits.take(slice(MOST_HITS))
+    first = hits.take(slice(MAX_COMPARED_HITS))
     ticks = first.tick - first.tick[0]
     return blake2b(ticks.tobytes() + first.index.tobytes() + first.tot.tobytes(), digest_size=16).digest()

@@ -11,7 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from math import dist
 
-from radron.protocol.entries import LONGEST_EXPOSURE_NS, Exposure
+from radron.protocol.entries import MAX_READABLE_EXPOSURE_NS, Exposure
 
 # A status a second and its answer, with some of them lost; and the time, two exposures and more, in which all must state it.
 _LEARNED_NS, _TOLD_NS = 4_000_000_000, 1_200_000_000
@@ -87,7 +87,7 @@ class ClockErrors:
 
     def _within(self, from_ns: int, until_ns: int) -> list[_Told]:
         """Errors of the exposures that overlap that time."""
-        first = bisect_left(self._told, (from_ns - LONGEST_EXPOSURE_NS,))
+        first = bisect_left(self._told, (from_ns - MAX_READABLE_EXPOSURE_NS,))
         begun = self._told[first : bisect_right(self._told, until_ns, key=_begin_ns)]
         return [told for told in begun if from_ns <= told[1]]
 

@@ -18,7 +18,7 @@ from radron.agent.frames.residuals import Fixes, Sightings
 from radron.agent.frames.tracks import Sample, Track
 from radron.agent.geometry import yaw_of
 from radron.protocol.codec import decode_as
-from radron.protocol.entries import LONGEST_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
+from radron.protocol.entries import MAX_READABLE_EXPOSURE_NS, Entry, EntryId, Exposure, Fix, Sighting
 
 READS = (Exposure, Sighting, Fix)  # kinds of entries; others carry no information about frames
 _MOST = 64  # measurements of a kind and drone that count in a keyframe: a member may publish a minute's for one moment
@@ -214,7 +214,7 @@ class Intake:
     def _beside(self, exposure: Exposure, number: int) -> Iterator[Exposure]:
         """Other exposures of the same drone that overlap an exposure."""
         exposed = self._exposed[number]
-        first = bisect_left(exposed, exposure.stamp_ns - LONGEST_EXPOSURE_NS, key=_stamp_ns)
+        first = bisect_left(exposed, exposure.stamp_ns - MAX_READABLE_EXPOSURE_NS, key=_stamp_ns)
         for identity in exposed[first : bisect_right(exposed, exposure.end_ns, key=_stamp_ns)]:
             other = decode_as(Exposure, self._exposures[identity])
             if exposure.stamp_ns <= other.end_ns:

@@ -13,10 +13,10 @@ from radron.protocol.bucket import Bucket
 from radron.protocol.entries import Credential, Entry
 
 RATE, RATE_BESIDE = 100.0, 20.0  # entries a second: of three cameras; and for each other drone in view
-BURST = 6_000.0  # a minute's; entries missed during a lost link come at once
+BURST_ENTRIES = 6_000.0  # a minute's; entries missed during a lost link come at once
 FIRST, FIRST_NS = 40_000.0, 120_000_000_000  # after an agent's start: of an hour on the ground, and a flight that it joins late
 BOOT_RATE, BOOT_BURST = 0.1, 20.0  # boots of an agent: each costs time at every access to a log
-TOLD_NS = 10_000_000_000  # duration of the report on a deferred drone
+DEFERRAL_REPORTED_NS = 10_000_000_000  # duration of the report on a deferred drone
 
 
 class Admission:
@@ -50,14 +50,14 @@ class Admission:
 
     def put_off(self, now_ns: int) -> frozenset[str]:
         """Return the drones whose log entries (signed measurements) were recently put off, because their quota was used up."""
-        return frozenset(drone for drone, at_ns in self._put_off_ns.items() if abs(now_ns - at_ns) < TOLD_NS)
+        return frozenset(drone for drone, at_ns in self._put_off_ns.items() if abs(now_ns - at_ns) < DEFERRAL_REPORTED_NS)
 
     def _of(self, entry: Entry, now_ns: int) -> Iterator[Bucket]:
         """Yield the quotas to which an entry is charged."""
         if self._began_ns is None:
             self._began_ns = now_ns
         begins = abs(now_ns - self._began_ns) < FIRST_NS
-        yield self._quota(entry.drone, "first" if begins else "entries", self._rate, FIRST if begins else BURST, now_ns)
+        yield self._quota(entry.drone, "first" if begins else "entries", self._rate, FIRST if begins else BURST_ENTRIES, now_ns)
         if isinstance(entry, Credential):
             yield self._quota(entry.drone, "boots", BOOT_RATE, BOOT_BURST, now_ns)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from hashlib import blake2b
 from itertools import cycle, islice
 
-from radron.protocol.summary import BLOCK, HASH_BYTES, MOST_BLOCKS
+from radron.protocol.summary import BLOCK_ENTRIES, HASH_BYTES, MAX_BLOCKS
 
 Publisher = tuple[str, str]  # drone, boot
 Payloads = Callable[[Publisher, range], Iterable[tuple[int, bytes]]]  # number and bytes of each entry in a range, in order
@@ -28,7 +28,7 @@ class Blocks:
         has no entry any more.
         """
         blocks = self._hashes.setdefault(publisher, {})
-        block = number // BLOCK
+        block = number // BLOCK_ENTRIES
         if empty:
             del blocks[block]
         elif block not in blocks or number < blocks[block].end:
@@ -45,10 +45,10 @@ class Blocks:
         each turn, until all have gone.
         """
         every = [(publisher, block) for publisher in publishers for block in self._hashes.get(publisher, ())]
-        if len(every) <= MOST_BLOCKS:
+        if len(every) <= MAX_BLOCKS:
             return every
-        start = turn * (MOST_BLOCKS - 1) % len(every)  # no multiple of the peers: each of them gets all blocks in time
-        return list(islice(cycle(every), start, start + MOST_BLOCKS))
+        start = turn * (MAX_BLOCKS - 1) % len(every)  # no multiple of the peers: each of them gets all blocks in time
+        return list(islice(cycle(every), start, start + MAX_BLOCKS))
 
     def hash(self, publisher: Publisher, block: int) -> bytes:
         """Return the hash of the log's entries in a block (range of numbers) of a publisher; there must be one."""
@@ -85,7 +85,7 @@ class _Hash:
 
 def numbers_of(block: int) -> range:
     """Return the sequence numbers of the log entries (signed measurements) that belong to a block."""
-    return range(block * BLOCK, (block + 1) * BLOCK)
+    return range(block * BLOCK_ENTRIES, (block + 1) * BLOCK_ENTRIES)
 
 
 def hash_of(payloads: Iterable[bytes]) -> bytes:

@@ -19,7 +19,7 @@ from radron.agent.fusion.checkpoints import thin, undo
 from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
 from radron.agent.fusion.observation import Observation
 
-MOST_OBSERVATIONS = 100  # in a task: its transfer takes a few milliseconds
+MAX_TASK_OBSERVATIONS = 100  # in a task: its transfer takes a few milliseconds
 _WORK = 2  # of a step here, in units of ``Estimator.work``
 
 S = TypeVar("S")
@@ -127,7 +127,7 @@ class Deferred:
             missing.append(link)
             link = link.before
         links, size = [], 0
-        while missing and size < MOST_OBSERVATIONS:
+        while missing and size < MAX_TASK_OBSERVATIONS:
             next_one = missing.pop()
             assert next_one.step is not None  # as it has one before it
             links.append((next_one.number, next_one.step, next_one.observations))

@@ -9,8 +9,8 @@ from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import drone_key
 from radron.protocol.summary import decode_summary, encode_summary
 
-MOST_ENTRIES = 500  # of one answer; the peer requests further ones
-MOST_BYTES = 1_000_000
+MAX_ANSWER_ENTRIES = 500  # of one answer; the peer requests further ones
+MAX_ANSWER_BYTES = 1_000_000
 
 
 class LogExchange:
@@ -47,8 +47,8 @@ class LogExchange:
         if mission != self._log.mission_id:
             self._counters["dropped_query_of_another_mission"] += 1
             return []
-        replies, left = [], MOST_BYTES
-        for identity, record in self._log.missing_from(summary, MOST_ENTRIES):
+        replies, left = [], MAX_ANSWER_BYTES
+        for identity, record in self._log.missing_from(summary, MAX_ANSWER_ENTRIES):
             left -= len(record.payload)
             if left < 0:
                 break

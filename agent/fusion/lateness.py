@@ -5,7 +5,7 @@ from __future__ import annotations
 from radron.agent.frames.batches import Batches
 from radron.protocol.entries import AnyEntry, EntryId
 
-_LONGEST_STRIDE = 16  # steps
+_MAX_STRIDE = 16  # steps
 _CALLS_A_STEP = 4  # without new due steps, as after the flight: calls that a batch waits for each of its steps
 
 
@@ -31,7 +31,7 @@ class Latecomers:
         removed.
         """
         self._entries[identity] = entry
-        self._stride = max(self._stride, min(1 << max(steps.bit_length() - 1, 0), _LONGEST_STRIDE))
+        self._stride = max(self._stride, min(1 << max(steps.bit_length() - 1, 0), _MAX_STRIDE))
 
     def discard(self, identity: EntryId) -> None:
         """Remove a late log entry (signed measurement), if it waits here."""

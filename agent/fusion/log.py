@@ -18,8 +18,8 @@ from radron.agent.fusion.counting import Counting
 from radron.agent.fusion.records import Contradiction, Record
 from radron.agent.fusion.sequences import Range, SequenceSet
 from radron.protocol.codec import decode_as
-from radron.protocol.entries import MAX_EXPOSURE_NS, Entry, EntryId, Exposure
-from radron.protocol.summary import BLOCK, MOST_PUBLISHERS, Held, Summary
+from radron.protocol.entries import MAX_LOGGED_EXPOSURE_NS, Entry, EntryId, Exposure
+from radron.protocol.summary import BLOCK_ENTRIES, MAX_SUMMARY_PUBLISHERS, Held, Summary
 
 E = TypeVar("E", bound=Entry)
 _DIGEST_BYTES = 16
@@ -36,7 +36,7 @@ class Outcome(Enum):
     CONTRADICTION = "contradiction"  # other bytes than those held under its number: neither counts, nor any later entry
     LEFT_OUT = "left_out"  # of a publisher that has contradicted itself, at this number or before
     FOREIGN = "foreign"  # of another mission, or of a drone that is not in it
-    TOO_LONG = "too_long"  # an exposure of more than ``MAX_EXPOSURE_NS``
+    TOO_LONG = "too_long"  # an exposure of more than ``MAX_LOGGED_EXPOSURE_NS``
 
 
 class ObservationLog:
@@ -66,9 +66,8 @@ class ObservationLog:
         """Start an empty log.
 
         ``drones``: ids of the mission's drones; only their entries are accepted. ``judges_exposures``: whether exposures (counts
-        of a camera in half a second) may neither overlap nor be longer than ``MAX_EXPOSURE_NS``; False: for the replay of an
-        older record.
-        """
+        of a camera in half a second) may neither overlap nor be longer than ``MAX_LOGGED_EXPOSURE_NS``; False: for the replay of
+        an older record."""
         self.mission_id = mission_id
         self._drones = frozenset(drones)
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
@@ -195,7 +194,7 @@ class ObservationLog:
                 return Outcome.DUPLICATE
             self._contradictions[publisher] = Contradiction(entry.sequence, (present, Record(type(entry), payload)))
             return Outcome.CONTRADICTION
-        if self._judges_exposures and isinstance(entry, Exposure) and entry.end_ns - entry.stamp_ns > MAX_EXPOSURE_NS:
+        if self._judges_exposures and isinstance(entry, Exposure) and entry.end_ns - entry.stamp_ns > MAX_LOGGED_EXPOSURE_NS:
             self._too_long_ns[entry.drone] = max(entry.end_ns, self._too_long_ns.get(entry.drone, entry.end_ns))
             return Outcome.TOO_LONG
         self._counting.settle()  # a new entry counts from the beginning, or does not
@@ -273,7 +272,7 @@ class ObservationLog:
         numbered = self._numbered[publisher]
         del numbered[identity.sequence]
         self._held[publisher].discard(identity.sequence)
-        block = numbers_of(identity.sequence // BLOCK)
+        block = numbers_of(identity.sequence // BLOCK_ENTRIES)
         self._blocks.change(publisher, identity.sequence, empty=not any(number in numbered for number in block))
         self._counting.removed(identity)
         if not numbered:
@@ -291,9 +290,11 @@ class ObservationLog:
         entries.
         """
         turns = zip_longest(
-            *([(drone, boot) for boot in islice(boots, MOST_PUBLISHERS)] for drone, boots in sorted(self._boots.items()))
+            *([(drone, boot) for boot in islice(boots, MAX_SUMMARY_PUBLISHERS)] for drone, boots in sorted(self._boots.items()))
         )
-        chosen = list(islice((publisher for turn in turns for publisher in turn if publisher is not None), MOST_PUBLISHERS))
+        chosen = list(
+            islice((publisher for turn in turns for publisher in turn if publisher is not None), MAX_SUMMARY_PUBLISHERS)
+        )
         told: dict[Publisher, list[tuple[int, bytes]]] = {publisher: [] for publisher in chosen}
         for publisher, block in self._blocks.chosen(chosen, turn):
             told[publisher].append((block, self._blocks.hash(publisher, block)))

@@ -15,8 +15,8 @@ from radron.agent.geometry import Vector3, yaw_of
 from radron.protocol.entries import Cone, Entry, EntryId, Exposure, PoseSample
 from radron.protocol.spectrum import Spectrum, SpectrumBin
 
-_SHORTEST_LIVE_S = 1e-3  # exposures shorter than this hold no information
-_SHORTEST_AXIS = 0.5  # a shorter "unit vector" is no direction
+_MIN_LIVE_S = 1e-3  # exposures shorter than this hold no information
+_MIN_AXIS_NORM = 0.5  # a shorter "unit vector" is no direction
 
 
 class ConeSurface(Struct, frozen=True):
@@ -123,7 +123,7 @@ def known_ns(entry: Entry) -> int:
 
 
 def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity: EntryId) -> CountObservation | None:
-    if exposure.live_time_s < _SHORTEST_LIVE_S:
+    if exposure.live_time_s < _MIN_LIVE_S:
         return None
     middle_ns = (exposure.stamp_ns + exposure.end_ns) // 2
     counts = np.array([exposure.counts.hits, exposure.counts.photopeak, exposure.counts.coincidences], dtype=np.float64)
@@ -188,7 +188,7 @@ def _observe_cone(cone: Cone, mission_from_local: Transform, identity: EntryId) 
     readings = []
     for order in cone.orders:
         length = math.hypot(*order.axis)
-        if order.probability <= 0.0 or length < _SHORTEST_AXIS:
+        if order.probability <= 0.0 or length < _MIN_AXIS_NORM:
             continue
         x, y, z = mission_from_local.rotate_direction(order.axis)
         axis = (x / length, y / length, z / length)

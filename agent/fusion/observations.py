@@ -10,7 +10,7 @@ from radron.agent.fusion.log import ObservationLog
 from radron.agent.fusion.observation import Observation, observe
 from radron.protocol.entries import AnyEntry, EntryId
 
-MOST_HELD = 512  # half a minute of three drones: the usual reach of replays; a kilobyte each
+MAX_HELD_OBSERVATIONS = 512  # half a minute of three drones: the usual reach of replays; a kilobyte each
 
 
 class Observations:
@@ -27,7 +27,7 @@ class Observations:
     def put(self, identity: EntryId, observation: Observation) -> None:
         """Store the observation of a log entry; when the cache is full, the oldest one is dropped."""
         self._held[identity] = observation
-        if len(self._held) > MOST_HELD:
+        if len(self._held) > MAX_HELD_OBSERVATIONS:
             del self._held[next(iter(self._held))]
 
     def discard(self, identity: EntryId) -> None:

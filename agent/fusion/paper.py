@@ -17,7 +17,7 @@ from radron.agent.geometry import Vector3
 from radron.protocol.entries import AnyEntry, Cone
 
 _NS = 1e9
-BEYOND_M = 200.0  # margin around the area: twice the distance at which a camera detects a source
+AREA_MARGIN_M = 200.0  # margin around the area: twice the distance at which a camera detects a source
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +63,9 @@ class PaperEstimator:
     The source stays on the ground (z = 0, as in the predecessor, unless the mission has an elevation model). As z follows from x
     and y, a correction moves the hypothesis (source estimate) along the ground only.
 
-    The hypothesis stays in the area's bounding box enlarged by ``BEYOND_M``. A cone is ignored if its apex lies outside of that
-    box, where no drone can be. A cone that would move the hypothesis out of the box is also ignored. Otherwise a single cone of a
-    drone with a wrong position (messages allow up to 100 km) could take the hypothesis away.
-    """
+    The hypothesis stays in the area's bounding box enlarged by ``AREA_MARGIN_M``. A cone is ignored if its apex lies outside of
+    that box, where no drone can be. A cone that would move the hypothesis out of the box is also ignored. Otherwise a single cone
+    of a drone with a wrong position (messages allow up to 100 km) could take the hypothesis away."""
 
     reads: tuple[type[AnyEntry], ...] = (Cone,)
     grid_s: float | None = None
@@ -79,7 +78,7 @@ class PaperEstimator:
         self._ground = search.ground
         self._rule: Rule = rule
         west, south, east, north = search.bounds
-        self._region = (west - BEYOND_M, south - BEYOND_M, east + BEYOND_M, north + BEYOND_M)
+        self._region = (west - AREA_MARGIN_M, south - AREA_MARGIN_M, east + AREA_MARGIN_M, north + AREA_MARGIN_M)
 
     def initial(self, start_ns: int | None) -> PaperState:
         """Return the estimator's state before the first cone, which does not depend on the mission's start."""

@@ -10,8 +10,8 @@ from radron.protocol.entries import Credential, Entry
 from radron.protocol.messages import Status
 from radron.protocol.signing import Trust, Verifier, sign_entries, sign_status
 
-MOST_UNPROVEN = 500  # entries of a drone that wait for its certificate; more are left to the log query
-TOLD_NS = 10_000_000_000  # duration of the report on forgeries
+MAX_UNPROVEN = 500  # entries of a drone that wait for its certificate; more are left to the log query
+FORGERY_REPORTED_NS = 10_000_000_000  # duration of the report on forgeries
 
 Received = tuple[Entry, bytes]
 Own = tuple[str, str, str]
@@ -41,7 +41,7 @@ class Proofs:
         self._leaves_out = leaves_out
         self._own, self._trust, self._verifier = own, trust, verifier
         self._introduced = False
-        self._waiting = {name: deque[Received](maxlen=MOST_UNPROVEN) for name in drones}
+        self._waiting = {name: deque[Received](maxlen=MAX_UNPROVEN) for name in drones}
         self.forged: defaultdict[str, Counter[str]] = defaultdict(Counter)
         self._forged_ns: dict[str, int] = {}
 
@@ -99,7 +99,7 @@ class Proofs:
         """Return one line for each drone in whose name forged or altered messages arrived recently."""
         told = []
         for name in sorted(self._forged_ns):
-            if abs(now_ns - self._forged_ns[name]) < TOLD_NS:
+            if abs(now_ns - self._forged_ns[name]) < FORGERY_REPORTED_NS:
                 kinds = ", ".join(f"{number} x {kind}" for kind, number in sorted(self.forged[name].items()))
                 told.append(f"messages of {name} that it has not signed were dropped: {kinds}")
         return tuple(told)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 
 from radron.protocol.entries import Entry, EntryId
-from radron.protocol.revocations import MOST_HELD, Obeying, Revocation
+from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Obeying, Revocation
 from radron.protocol.signing import Verifier
 
-MOST_REFUSED = 20  # in a second, of one member; each costs a third of a millisecond
+MAX_REFUSED_REVOCATIONS_PS = 20  # in a second, of one member; each costs a third of a millisecond
 
 
 class Revocations:
@@ -82,7 +82,7 @@ class Revocations:
         if second != self._second:
             self._second = second
             self._refusals.clear()
-        return self._refusals[sender] >= MOST_REFUSED
+        return self._refusals[sender] >= MAX_REFUSED_REVOCATIONS_PS
 
     def _refusal(self, revocation: Revocation, now_ns: int, passed_on: bool) -> str | None:
         if self._verifier is None:
@@ -94,7 +94,7 @@ class Revocations:
             return refused
         if now_ns > revocation.until_ns:
             return "void"
-        return "one_too_many" if len(self._left_beside(revocation)) >= MOST_HELD else None
+        return "one_too_many" if len(self._left_beside(revocation)) >= MAX_HELD_REVOCATIONS else None
 
     def _left_beside(self, revocation: Revocation) -> tuple[Revocation, ...]:
         return tuple(one for one in self.held if not revocation.covers(one))

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from radron.protocol.entries import EntryId
 
-MOST_OBSERVATIONS = 64  # of a drone in a step; cameras yield ten times fewer
+MAX_STEP_OBSERVATIONS = 64  # of a drone in a step; cameras yield ten times fewer
 MAX_EXPOSURES_PS = 6  # exposures of a drone in a second, and two more: three cameras'; each takes milliseconds of a search
 _Kind = tuple[str, bool]  # of observations: the drone, and whether they are exposures
 
@@ -36,7 +36,7 @@ class Timeline:
 
     def __init__(self, grid_s: float) -> None:
         """Start without observations. ``grid_s``: width of a step of the time grid."""
-        self._max_exposures = min(MOST_OBSERVATIONS, 2 + ceil(MAX_EXPOSURES_PS * grid_s))
+        self._max_exposures = min(MAX_STEP_OBSERVATIONS, 2 + ceil(MAX_EXPOSURES_PS * grid_s))
         self._steps: list[int] = []  # ascending
         self._seen: dict[int, list[Seen]] = {}  # by step, never empty; each drone's of a kind together, by identity
         self._step_of: dict[EntryId, int] = {}
@@ -98,7 +98,7 @@ class Timeline:
         del self._steps[:kept]
 
     def _most(self, kind: _Kind) -> int:
-        return self._max_exposures if kind[1] else MOST_OBSERVATIONS
+        return self._max_exposures if kind[1] else MAX_STEP_OBSERVATIONS
 
     def _counted(self, held: list[Seen]) -> Iterator[EntryId]:
         """Yield the counted entries of each drone and kind, up to their limit."""

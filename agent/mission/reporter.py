@@ -17,7 +17,7 @@ from radron.protocol.codec import written
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import key_of
 from radron.protocol.message import Message
-from radron.protocol.messages import MOST_SOURCES, Estimate, Frame, Pose, Source, Status
+from radron.protocol.messages import MAX_SOURCES, Estimate, Frame, Pose, Source, Status
 
 M = TypeVar("M", bound=Message)
 MAX_SENT = 100  # messages that are remembered: of four seconds
@@ -146,7 +146,7 @@ class Reporter:
             mission=self._mission_id,
             estimator=self._estimator,
             digest=believed.digest,
-            sources=tuple(_source(one) for one in (hypothesis, *hypothesis.others)[:MOST_SOURCES]),
+            sources=tuple(_source(one) for one in (hypothesis, *hypothesis.others)[:MAX_SOURCES]),
             excluded_bq=exclusion.known_bq if exclusion is not None else UNSET,
         )
 

@@ -21,7 +21,7 @@ from radron.agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS, WINDOW_N
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.owntime import Utc
 from radron.protocol.entries import Coverage, Entry
-from radron.protocol.revocations import MOST_HELD, Obeying, Revocation, Revoked
+from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Obeying, Revocation, Revoked
 from radron.protocol.signing import Trust, Verifier, sign_obeying
 
 _MOST_READ = 4 * MOST_ENTRIES  # in a window: more than count, because some may be implausible
@@ -109,7 +109,7 @@ class Revoking:
             return ()
         self._due_ns = now_ns + PERIOD_NS
         own = (self._word(),) if self._drone in self.names and self._executive.flies_home(now_ns) else ()
-        obeying = tuple(word for _, word in sorted(self._obeying.items()))[: MOST_HELD - len(own)]
+        obeying = tuple(word for _, word in sorted(self._obeying.items()))[: MAX_HELD_REVOCATIONS - len(own)]
         return (Revoked(stamp_ns=now_ns, drone=self._drone, held=self.held, obeying=(*own, *obeying)),)
 
     def _word(self) -> Obeying:

@@ -18,7 +18,7 @@ from radron.protocol.keys import key_of
 from radron.protocol.mesh.diagnosis import refusals
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Status
-from radron.protocol.revocations import MOST_BOOTS, Revocation, Revoked
+from radron.protocol.revocations import MAX_REVOKED_BOOTS, Revocation, Revoked
 from radron.protocol.signing import Verifier, sign_revocation
 from radron.protocol.summary import decode_summary
 from radron.protocol.trust import trust_of
@@ -140,7 +140,7 @@ async def _last(request: Request, mesh: Mesh, drones: Collection[str]) -> dict[s
         for (publisher, boot), held in summary.items():
             if publisher == request.member and held.ranges:
                 found[boot] = max(found.get(boot, -1), held.ranges[-1][1])
-    kept = sorted(found, key=lambda boot: found[boot])[-MOST_BOOTS:]
+    kept = sorted(found, key=lambda boot: found[boot])[-MAX_REVOKED_BOOTS:]
     return {boot: found[boot] for boot in kept}
 
 

@@ -19,7 +19,7 @@ from radron.agent.sensing.overground import OverGround
 from radron.agent.terrain.ground import Ground
 from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.entries import (
-    MAX_EXPOSURE_NS,
+    MAX_LOGGED_EXPOSURE_NS,
     CarriedFrame,
     Cone,
     ConeOrder,
@@ -155,7 +155,7 @@ class Observer:
             self._live_s = 0.0  # the counts held so far carry no information either
             self._waiting.clear()
             return self._unused(end_ns)
-        if not start_ns <= end_ns <= start_ns + MAX_EXPOSURE_NS:
+        if not start_ns <= end_ns <= start_ns + MAX_LOGGED_EXPOSURE_NS:
             self.dropped += 1
             return []
         self._waiting.append(detections)
@@ -186,7 +186,7 @@ class Observer:
         self.withheld += max(0, len(detections.cones) - most)
         entries: list[Entry] = [self._cone(event) for event in detections.cones[:most]]
         if self._start_ns is not None and (
-            start_ns > self._end_ns or state.epoch != self._epoch or end_ns > self._start_ns + MAX_EXPOSURE_NS
+            start_ns > self._end_ns or state.epoch != self._epoch or end_ns > self._start_ns + MAX_LOGGED_EXPOSURE_NS
         ):
             entries += self._exposure()
         if self._start_ns is None:

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from radron.agent.update.records import Records
 from radron.agent.update.slots import Slots
-from radron.protocol.onboard import MOST_ATTEMPTS, Needs, Outcome, Release, Report, Trial
+from radron.protocol.onboard import MAX_BOOT_ATTEMPTS, Needs, Outcome, Release, Report, Trial
 
 DEADLINE_S = 300.0  # from the start of this service until the agent is well
 HOLD_S = 5.0  # time for which the agent must stay well
@@ -69,7 +69,7 @@ def lacking(report: Report | None, needs: Needs, excuse: Callable[[], str] = str
 
 def _try(slots: Slots, records: Records, trial: Trial, around: Surroundings, deadline_s: float) -> None:
     attempt = slots.attempts(trial.slot)
-    around.say(f"slot {trial.slot}, {trial.release}, is on trial, attempt {attempt} of {MOST_ATTEMPTS}")
+    around.say(f"slot {trial.slot}, {trial.release}, is on trial, attempt {attempt} of {MAX_BOOT_ATTEMPTS}")
     begun_s = around.uptime_s()
     well: tuple[float, str] | None = None  # since when, and which run of the agent
     missing: list[str] = []
@@ -105,7 +105,7 @@ def _look_back(slots: Slots, records: Records, slot: str, trial: Trial | None, r
         tried = trial.release if trial is not None else records.slots.get(other, Release(version="unknown"))
         reason = "; ".join(trial.lacking) if trial is not None and trial.lacking else "it did not start, or lost its power"
         what = "the update to" if trial is not None else "the release in service,"
-        text = f"{what} {tried} failed after {MOST_ATTEMPTS} attempts ({reason}): slot {slot} runs again, {release}"
+        text = f"{what} {tried} failed after {MAX_BOOT_ATTEMPTS} attempts ({reason}): slot {slot} runs again, {release}"
         _tell(records, around, Outcome(kind="fell back", slot=other, release=tried, text=text, **_times(trial, around)))
         slots.mark_bad(other)
     elif trial is not None and (told is None or told.begun_ns != trial.begun_ns):

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 from radron.agent.update.errors import UpdateError
-from radron.protocol.onboard import MOST_ATTEMPTS
+from radron.protocol.onboard import MAX_BOOT_ATTEMPTS
 
 SLOTS = ("A", "B")
 GRUBENV, CMDLINE = Path("/efi/grub/grubenv"), Path("/proc/cmdline")
@@ -62,7 +62,7 @@ class Slots:
     def attempts(self, slot: str) -> int:
         """Return the number of boots of a slot (system partition) since it was last confirmed to work."""
         tries = self._read().get(f"{slot}_TRY", "0")
-        return int(tries) if tries.isdecimal() else MOST_ATTEMPTS
+        return int(tries) if tries.isdecimal() else MAX_BOOT_ATTEMPTS
 
     def is_good(self, slot: str) -> bool:
         """Return whether the boot loader may boot this slot (system partition)."""

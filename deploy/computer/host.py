@@ -13,7 +13,7 @@ from radron.deploy.image.wheels import Platform
 from radron.deploy.remote import Host, run
 
 MACHINES = {"x86_64": "amd64", "aarch64": "arm64"}
-LEAST_FREE_MB = 1500
+MIN_FREE_MB = 1500
 _OLDEST_PYTHON, _OLDEST_SYSTEMD, _OLDEST_GLIBC = (3, 11), 250, 28
 _ON_GROUND = ("", "starting", "preflight", "landed")  # stages of an agent that does not fly; in flight, "starting" is short
 
@@ -98,8 +98,8 @@ def judged(host: Host, values: dict[str, list[str]]) -> Computer:
         raise host.error(
             f"its systemd is {first('systemd') or 'missing'}; version {_OLDEST_SYSTEMD} or later is needed (Debian 12)"
         )
-    if int(first("free_mb") or 0) < LEAST_FREE_MB:
-        raise host.error(f"{first('free_mb') or 0} MB are free in /opt there, {LEAST_FREE_MB} are needed")
+    if int(first("free_mb") or 0) < MIN_FREE_MB:
+        raise host.error(f"{first('free_mb') or 0} MB are free in /opt there, {MIN_FREE_MB} are needed")
     version, python = _python(host, system, values.get("python", ()))
     platform = Platform(version, machine, int(glibc[1]))
     return Computer(system, platform, python, first("release") or None, _decoded(first("ca")), _decoded(first("certificate")))

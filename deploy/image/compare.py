@@ -12,7 +12,7 @@ from radron.deploy.image.flash import check_image
 from radron.deploy.image.layout import MIB, PARTITIONS, ROOT_A, ROOT_B, Partition
 from radron.deploy.image.tools import need, run
 
-_MOST = 50  # named files
+_MAX_NAMED_FILES = 50  # named files
 
 
 def differences(one: Path, other: Path) -> list[str]:
@@ -67,10 +67,10 @@ def _files_that_differ(one: Path, other: Path, part: Partition) -> list[str]:
             listed.append(_tree(folder))
     first, second = listed
     names = [name for name in sorted(first.keys() | second.keys()) if first.get(name) != second.get(name)]
-    lines = [f"    {name}: {_difference(first.get(name), second.get(name))}" for name in names[:_MOST]]
+    lines = [f"    {name}: {_difference(first.get(name), second.get(name))}" for name in names[:_MAX_NAMED_FILES]]
     if not names:
         return ["    the same files with the same content, dates and rights: stored differently"]
-    return lines if len(names) <= _MOST else [*lines, f"    and {len(names) - _MOST} more"]
+    return lines if len(names) <= _MAX_NAMED_FILES else [*lines, f"    and {len(names) - _MAX_NAMED_FILES} more"]
 
 
 _Entry = tuple[str, int, int]  # content or target, mode, date

@@ -17,7 +17,7 @@ _NAMES = UUID("6f1d2c7e-2e0c-5d0b-9a5e-7d1c0a3b4f60")  # of all names here
 _ESP = "c12a7328-f81f-11d2-ba4b-00a0c93ec93b"
 _BASIC_DATA = "ebd0a0a2-b9e5-4433-87c0-68b6b72699c7"
 _ROOT_AMD64 = "4f68bce3-e8cd-4db1-96e7-fbcaf984b709"  # differs from the data partition's type: systemd-repart finds it by type
-LEAST_DATA_MIB = 2048
+MIN_DATA_MIB = 2048
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,4 +50,4 @@ PARTITIONS = _in_a_row(
 ESP, CONFIG, ROOT_A, ROOT_B = PARTITIONS
 DISK_GUID = str(uuid5(_NAMES, "disk"))
 IMAGE_BYTES = ROOT_B.start + ROOT_B.size + MIB  # the last MiB holds the second partition table
-LEAST_DISK_BYTES = IMAGE_BYTES + LEAST_DATA_MIB * MIB
+MIN_DISK_BYTES = IMAGE_BYTES + MIN_DATA_MIB * MIB

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from radron.deploy.image.errors import ImageError
-from radron.deploy.image.layout import LEAST_DISK_BYTES
+from radron.deploy.image.layout import MIN_DISK_BYTES
 from radron.deploy.image.tools import need, run
 
 GB = 1e9
@@ -142,8 +142,8 @@ def _empty(path: Path) -> ImageError:
 
 
 def _large_enough(target: Target) -> Target:
-    if target.size < LEAST_DISK_BYTES:
+    if target.size < MIN_DISK_BYTES:
         raise ImageError(
-            f"{target.path}: is too small: {target.size / GB:.1f} GB; a drone needs {LEAST_DISK_BYTES / GB:.1f} GB, better 32 GB"
+            f"{target.path}: is too small: {target.size / GB:.1f} GB; a drone needs {MIN_DISK_BYTES / GB:.1f} GB, better 32 GB"
         )
     return target

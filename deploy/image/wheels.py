@@ -13,7 +13,7 @@ from pathlib import Path
 from radron.deploy.image.errors import ImageError
 from radron.deploy.image.tools import run
 
-_OLDEST_GLIBC = 5  # of the platform tags of wheels
+_MIN_GLIBC = 5  # of the platform tags of wheels
 ONBOARD = ("protocol", "agent")  # packages of this project on board
 
 
@@ -32,7 +32,7 @@ class Platform:
     @property
     def tags(self) -> list[str]:
         """Platform tags of the Python packages that fit this computer, best first."""
-        numbered = [f"manylinux_2_{minor}_{self.machine}" for minor in range(self.glibc, _OLDEST_GLIBC - 1, -1)]
+        numbered = [f"manylinux_2_{minor}_{self.machine}" for minor in range(self.glibc, _MIN_GLIBC - 1, -1)]
         return [*numbered, f"manylinux2014_{self.machine}"]
 
 

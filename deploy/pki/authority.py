@@ -34,7 +34,7 @@ from radron.protocol.identity import (
 from radron.protocol.issuing import Issuer, write_file, write_identity
 
 AUTHORITY_KEY_FILE, ISSUED_FILE = "ca-key.pem", "issued.json"
-SHORTEST_PASSPHRASE = 12
+MIN_PASSPHRASE_LENGTH = 12
 
 Passphrase = Callable[[], str]
 
@@ -65,9 +65,9 @@ class PkiFolder:
         leave_no_core_file()
         issuer = Issuer.new(swarm, now_ns)
         secret = passphrase()
-        if len(secret) < SHORTEST_PASSPHRASE:
+        if len(secret) < MIN_PASSPHRASE_LENGTH:
             raise IdentityError(
-                f"the passphrase is too short: give at least {SHORTEST_PASSPHRASE} characters, such as four words"
+                f"the passphrase is too short: give at least {MIN_PASSPHRASE_LENGTH} characters, such as four words"
             )
         encrypted = BestAvailableEncryption(secret.encode())
         try:

@@ -12,7 +12,7 @@ from radron.deploy.remote import Host, RemoteError, at_all, run, send
 from radron.deploy.update.bundle import BundleManifest
 from radron.deploy.update.errors import UpdateError
 from radron.deploy.update.hosts import PROGRAM, Tell, ask
-from radron.protocol.onboard import MOST_ATTEMPTS, Computer, Outcome
+from radron.protocol.onboard import MAX_BOOT_ATTEMPTS, Computer, Outcome
 
 INCOMING = "/var/lib/radron-update/incoming"
 DECIDED_S = 2400.0  # three attempts of a slowly starting computer
@@ -139,4 +139,4 @@ def _waiting(now: Computer) -> str:
     if now.trial is None or now.trial.slot != now.slot:
         return "starting anew"
     agent = now.agent if now.report is None else "; ".join(now.report.problems) or "the agent reports"
-    return f"slot {now.slot}, attempt {now.attempts} of {MOST_ATTEMPTS}: {agent}"
+    return f"slot {now.slot}, attempt {now.attempts} of {MAX_BOOT_ATTEMPTS}: {agent}"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from radron.deploy.fleet.config import FleetDrone, Px4Config
 from radron.deploy.fleet.loading import Fleet
 from radron.deploy.remote import Host
-from radron.protocol.onboard import MOST_ATTEMPTS, Computer
+from radron.protocol.onboard import MAX_BOOT_ATTEMPTS, Computer
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _DAY_NS = 86_400_000_000_000
 _CLOCK_S = 0.5  # between a computer's clock and this one; drones with a larger difference do not start
 _SOON_DAYS = 7.0
-_LEAST_FREE_MB = 1000
+_MIN_FREE_AFTER_UPDATE_MB = 1000
 _SAME = 1e-5  # relative, of a parameter: the link has single precision
 # Each drone has its own altitude layer and launch place; the last parameter is set at the takeoff.
 _OWN = {"RTL_RETURN_ALT", "RTL_DESCEND_ALT", "GF_MAX_HOR_DIST", "MIS_TAKEOFF_ALT"}
@@ -111,7 +111,9 @@ def _row(
         "autopilot": _answers(told, lambda report: report.autopilot),
         "camera": _camera(told, drone),
         "PX4": _px4(told, Px4Config() if drone is None else drone.px4, usual),
-        "disk": Cell(f"{told.disk_free_mb / 1000:.1f} of {told.disk_mb / 1000:.1f} GB free", told.disk_free_mb < _LEAST_FREE_MB),
+        "disk": Cell(
+            f"{told.disk_free_mb / 1000:.1f} of {told.disk_mb / 1000:.1f} GB free", told.disk_free_mb < _MIN_FREE_AFTER_UPDATE_MB
+        ),
         "clock": _clock(answer),
         "certificate": _certificate(told, answer.told_ns),
     }
@@ -126,7 +128,7 @@ def _release(told: Computer, fleet: Fleet | None) -> Cell:
 
 def _slot(told: Computer) -> Cell:
     if told.trial is not None and told.trial.slot == told.slot:
-        return Cell(f"{told.slot}, on trial, attempt {told.attempts} of {MOST_ATTEMPTS}", stands_out=True)
+        return Cell(f"{told.slot}, on trial, attempt {told.attempts} of {MAX_BOOT_ATTEMPTS}", stands_out=True)
     return Cell(told.slot or "none")
 
 

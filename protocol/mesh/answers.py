@@ -16,12 +16,12 @@ from radron.protocol.bucket import Bucket
 from radron.protocol.mesh.link import in_thread
 from radron.protocol.units import STATION
 
-SHARE = 0.1  # of the loop's time goes into answers at most, at any rate of queries
-MOST = 8  # queries answered at the same time
+MAX_LOOP_SHARE = 0.1  # of the loop's time goes into answers at most, at any rate of queries
+MAX_OPEN_QUERIES = 8  # queries answered at the same time
 MAX_DRONE_BPS, MAX_DRONE_BURST = 2e6, 4e6  # bytes; a drone whose log is empty takes in 1.2 MB/s (``inbox.ANSWERED_PER_S``)
 MAX_OPERATORS_BPS, MAX_OPERATORS_BURST = 0.5e6, 4e6  # of all stations; published entries reach them anyway
 MAX_REFUSED_PS, MAX_REFUSED_BURST = 1.0, 5.0  # before a problem is reported: a member without an answer waits two seconds
-TOLD_S = 10.0  # after the last refusal
+REFUSAL_REPORTED_S = 10.0  # after the last refusal
 
 Answer = Callable[[bytes], list[tuple[str, bytes]]]
 
@@ -52,7 +52,7 @@ class Answers:
         """
         self._loop, self._answer, self._counters = loop, answer, counters
         self._sending = 0
-        self._credit_s = Bucket(SHARE, SHARE, loop.time())
+        self._credit_s = Bucket(MAX_LOOP_SHARE, MAX_LOOP_SHARE, loop.time())
         self._quotas: dict[str, _Quota] = {}  # by asker
 
     @property
@@ -74,9 +74,9 @@ class Answers:
         quota = self._quotas[asker]
         if quota.answered.left(begun_s) <= 0.0:
             self._counters["log_answer_refused"] += 1
-            if quota.refused.left(begun_s) > -TOLD_S * MAX_REFUSED_PS:
+            if quota.refused.left(begun_s) > -REFUSAL_REPORTED_S * MAX_REFUSED_PS:
                 quota.refused.charge(1.0)
-        elif self._sending >= MOST or self._credit_s.left(begun_s) <= 0.0:
+        elif self._sending >= MAX_OPEN_QUERIES or self._credit_s.left(begun_s) <= 0.0:
             self._counters["log_answer_refused"] += 1
         else:
             try:

@@ -26,19 +26,19 @@ from radron.protocol.messages import DRONE_KINDS, STATION_KINDS
 ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(message, Entry))
 NEWS_KINDS = tuple(kind for kind in DRONE_KINDS if kind not in ENTRY_KINDS)
 SLICE_MESSAGES = 100
-SLICE_S, PAUSE_S = 0.005, 0.005
+DELIVERY_SLICE_S, DELIVERY_PAUSE_S = 0.005, 0.005
 ENTRIES_PAUSE_S = 0.015  # after a slice of entries: the entries and their consequences take a quarter of the loop's time
-MOST_ENTRIES = 5_000  # answered by a drone, waiting for delivery; more are dropped, and recovered by the log query
+MAX_ANSWERED_ENTRIES = 5_000  # answered by a drone, waiting for delivery; more are dropped, and recovered by the log query
 MAX_PUBLISHED = 2_000  # published by a drone, likewise: with the entries delivered at once, the size of its caches
 PUBLISHED_PER_S, PUBLISHED_BURST = 200.0, 1_500.0  # entries of a drone, which publishes 30 to 100 a second
 ANSWERED_PER_S = 1_000.0  # an hour's log in less than a minute
-MOST_COMMANDS = 100  # of a publisher
+MAX_COMMANDS = 100  # of a publisher
 FLOOD_COMMANDS_PER_S = 10  # of a publisher; more are a flood, of which `rights` lets few through
 MAX_NEWS = 64  # of a publisher, waiting for delivery: one for each kind and session
-MOST_PUBLISHERS = 128  # a swarm has up to 64 drones
+MAX_QUEUES = 128  # a swarm has up to 64 drones
 NEWS_IN_TURN = 20  # delivered before a waiting entry: a flood of news must not block all entries
 NEWS_PER_S = 200  # of a publisher; only the newest counts; honest publishers send 15
-TOLD_S = 10.0  # a flood is reported for this long
+FLOOD_REPORTED_S = 10.0  # a flood is reported for this long
 DELIVERED_S = 1.0  # longest wait for the delivery of the replies to one query; a flooding peer must not delay the next query
 
 _Name = tuple[str, bool]  # of a publisher; True: for its answers to queries
@@ -120,7 +120,7 @@ class Inbox:
         """
         end_s = self._loop.time() + DELIVERED_S
         while replies and self._holds_entries() and self._loop.time() < end_s and not self._closed:
-            await asyncio.sleep(SLICE_S)
+            await asyncio.sleep(DELIVERY_SLICE_S)
 
     def _holds_entries(self) -> bool:
         with self._lock:
@@ -138,7 +138,7 @@ class Inbox:
             copied = self._publishers.problems(now_s)
             told = Counter[str]()
             for (name, _), share in self._shares.items():
-                if now_s - share.flood_s < TOLD_S:
+                if now_s - share.flood_s < FLOOD_REPORTED_S:
                     told[name] += share.lost
         floods = (f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told.items()))
         return *copied, *floods
@@ -160,24 +160,24 @@ class Inbox:
         if payload is None or len(payload) > size_limit(key.kind):
             self._lose(share, "oversized")
         elif key.kind in ENTRY_KINDS:
-            self._keep(share, share.entries, MAX_PUBLISHED if by is None else MOST_ENTRIES, key, payload)
+            self._keep(share, share.entries, MAX_PUBLISHED if by is None else MAX_ANSWERED_ENTRIES, key, payload)
         elif key.kind in STATION_KINDS:
-            self._keep(share, share.commands, MOST_COMMANDS, key, payload)
+            self._keep(share, share.commands, MAX_COMMANDS, key, payload)
             self._note_rate(share, FLOOD_COMMANDS_PER_S)
         else:
             self._renew(share, key, payload, session)
 
     def _share_of(self, name: _Name) -> _Share | None:
-        """Return a publisher's share; beyond ``MOST_PUBLISHERS`` it replaces an idle share. None if no share is idle."""
+        """Return a publisher's share; beyond ``MAX_QUEUES`` it replaces an idle share. None if no share is idle."""
         share = self._shares.get(name)
         if share is not None:
             return share
-        if len(self._shares) >= MOST_PUBLISHERS:
+        if len(self._shares) >= MAX_QUEUES:
             idle = next((name for name, one in self._shares.items() if not (one.commands or one.news or one.entries)), None)
             if idle is None:
                 return None
             del self._shares[idle]
-        rate, burst = (ANSWERED_PER_S, MOST_ENTRIES) if name[1] else (PUBLISHED_PER_S, PUBLISHED_BURST)
+        rate, burst = (ANSWERED_PER_S, MAX_ANSWERED_ENTRIES) if name[1] else (PUBLISHED_PER_S, PUBLISHED_BURST)
         share = self._shares[name] = _Share(Bucket(rate, burst, self._loop.time()))
         return share
 
@@ -214,7 +214,7 @@ class Inbox:
 
     def _deliver(self) -> None:
         """Deliver one slice; the next slice follows after a pause, in which the loop processes all other due work."""
-        until_s = self._loop.time() + SLICE_S
+        until_s = self._loop.time() + DELIVERY_SLICE_S
         delivered = entries = 0
         try:
             while delivered < SLICE_MESSAGES and not self._closed:
@@ -228,7 +228,7 @@ class Inbox:
                 if self._loop.time() > until_s:
                     break
         finally:  # an exception of the receiver affects one message only
-            self._schedule(ENTRIES_PAUSE_S if entries else PAUSE_S)
+            self._schedule(ENTRIES_PAUSE_S if entries else DELIVERY_PAUSE_S)
         if delivered and not self._closed:
             self._drained()
 

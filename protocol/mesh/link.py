@@ -28,7 +28,7 @@ T = TypeVar("T")
 OPEN_S = 5.0  # a session opens in 0.5 s at most, reachable peers or not
 LOOKUP_S = 1.5
 MAX_PORT = 65535
-CLOSE_S = 2.0  # closing takes 0.8 s while a stopped peer is dialled; twice as long on a busy machine
+LINK_CLOSE_S = 2.0  # closing takes 0.8 s while a stopped peer is dialled; twice as long on a busy machine
 _ENDPOINT = re.compile(r"(?P<protocol>tcp|tls)/(?P<host>[^\s/?#]+):(?P<port>\d{1,5})\Z")
 _RUNTIME = "(rx: (worker_threads: 16))"  # the default is two: vanished peers then stall the reception from others for 10 s
 
@@ -160,14 +160,14 @@ def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
 
 
 async def close_session(session: zenoh.Session) -> None:
-    """Close a Zenoh session in at most ``CLOSE_S`` seconds, whether or not its peers respond.
+    """Close a Zenoh session in at most ``LINK_CLOSE_S`` seconds, whether or not its peers respond.
 
     A slower closing continues in its thread; a process that ends before this thread may abort.
     """
     with contextlib.suppress(TimeoutError, zenoh.ZError):
         for link in _sockets(session.info.links()):  # also links newer than the listener's last event
             _do_not_linger(link)
-        async with asyncio.timeout(CLOSE_S):
+        async with asyncio.timeout(LINK_CLOSE_S):
             await in_thread(session.close)
 
 

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import zenoh
 from zenoh import ext
 
-CLOSE_S = 0.2
-MOST_WAITING = 10_000  # entries, some megabytes; further entries are not published, and reach peers by the log query
+QUEUE_FLUSH_S = 0.2
+MAX_WAITING_ENTRIES = 10_000  # entries, some megabytes; further entries are not published, and reach peers by the log query
 
 
 class Outgoing:
@@ -32,7 +32,7 @@ class Outgoing:
 
     def put(self, publisher: ext.AdvancedPublisher, payload: bytes) -> None:
         """Add a log entry to the queue of entries to be published; never blocks."""
-        if self._closed or self._waiting.qsize() >= MOST_WAITING:
+        if self._closed or self._waiting.qsize() >= MAX_WAITING_ENTRIES:
             self._failed()
             return
         if self._thread is None:
@@ -41,11 +41,11 @@ class Outgoing:
         self._waiting.put((publisher, payload))
 
     def close(self) -> None:
-        """Publish the entries that still wait, for at most ``CLOSE_S`` seconds, and accept no more. Blocks meanwhile."""
+        """Publish the entries that still wait, for at most ``QUEUE_FLUSH_S`` seconds, and accept no more. Blocks meanwhile."""
         self._closed = True
         self._waiting.put(None)
         if self._thread is not None:
-            self._thread.join(CLOSE_S)
+            self._thread.join(QUEUE_FLUSH_S)
 
     def _run(self) -> None:
         while (entry := self._waiting.get()) is not None:

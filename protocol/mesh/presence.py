@@ -10,7 +10,7 @@ from collections import Counter
 from radron.protocol.keys import read_token
 from radron.protocol.versions import PROTOCOL
 
-MOST_ALIVE = 256  # kept names with a liveliness token
+MAX_ALIVE = 256  # kept names with a liveliness token
 
 
 class Presence:
@@ -20,7 +20,7 @@ class Presence:
     """
 
     def __init__(self, counters: Counter[str]) -> None:
-        """``counters``: the count ``overflow`` is raised for each token beyond ``MOST_ALIVE``."""
+        """``counters``: the count ``overflow`` is raised for each token beyond ``MAX_ALIVE``."""
         self._counters = counters
         self.alive: set[str] = set()
         self._differing: dict[str, str] = {}  # by drone: a protocol version other than this one
@@ -32,7 +32,7 @@ class Presence:
             self._differ(drone, version, appears)
         elif not appears:
             self.alive.discard(drone)
-        elif len(self.alive) < MOST_ALIVE or drone in self.alive:
+        elif len(self.alive) < MAX_ALIVE or drone in self.alive:
             self.alive.add(drone)
         else:
             self._counters["overflow"] += 1
@@ -53,5 +53,5 @@ class Presence:
     def _differ(self, drone: str, version: str, appears: bool) -> None:
         if not appears:
             self._differing.pop(drone, None)
-        elif len(self._differing) < MOST_ALIVE:
+        elif len(self._differing) < MAX_ALIVE:
             self._differing[drone] = version

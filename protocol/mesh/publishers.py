@@ -13,7 +13,7 @@ from itertools import combinations
 LEASE_S = 1.5  # in which messages of an ended session may still arrive: one and a half times Zenoh's lease
 SHOWN_S = 10.0  # a copied key is reported for this time
 MAX_SESSIONS = 8  # remembered for a name
-MAX_NAMES = 128
+MAX_PUBLISHER_NAMES = 128
 MAX_OF_RESTART = 2  # sessions within the lease
 
 
@@ -37,7 +37,7 @@ class Publishers:
         """Record that a network ``session`` has published a message under a ``name`` at the time ``now_s``."""
         spans = self._spans.get(name)
         if spans is None:
-            if len(self._spans) >= MAX_NAMES:
+            if len(self._spans) >= MAX_PUBLISHER_NAMES:
                 return
             spans = self._spans[name] = {}
         span = spans.get(session)

@@ -14,11 +14,11 @@ from zenoh.handlers import Callback
 from radron.protocol.errors import ProtocolError
 from radron.protocol.mesh.link import in_thread
 from radron.protocol.mesh.rights import LOG_QUERIES_PER_S
-from radron.protocol.messages import MOST_PARTS, PART_BYTES
+from radron.protocol.messages import MAX_PARTS, PART_BYTES
 
 PART_S = 5.0  # for one part, over a slow radio
-ATTEMPTS = 3
-MOST_ANSWERS = 8  # parts sent at the same time
+QUERY_ATTEMPTS = 3
+MAX_OPEN_ANSWERS = 8  # parts sent at the same time
 ASKED_S = 2.0 / LOG_QUERIES_PER_S  # between two queries of one drone's log: it drops earlier queries
 
 
@@ -91,11 +91,11 @@ def split(content: bytes) -> tuple[bytes, ...]:
     """Split the content of a mission into parts that fit into one message each, for an upload to the drones.
 
     Raises:
-        ProtocolError: the content has more than ``MOST_PARTS`` parts.
+        ProtocolError: the content has more than ``MAX_PARTS`` parts.
     """
     parts = tuple(content[start : start + PART_BYTES] for start in range(0, len(content), PART_BYTES))
-    if len(parts) > MOST_PARTS:
-        most_mb = MOST_PARTS * PART_BYTES / 1e6
+    if len(parts) > MAX_PARTS:
+        most_mb = MAX_PARTS * PART_BYTES / 1e6
         raise ProtocolError(f"{len(content) / 1e6:.1f} MB are too much to be uploaded: at most {most_mb:.1f} MB")
     return parts
 
@@ -126,7 +126,7 @@ async def _fetched(session: zenoh.Session, key: str, place: int, expected: bytes
         if not found and len(sample.payload) <= PART_BYTES and hash_of(part := sample.payload.to_bytes()) == expected:
             found.append(part)
 
-    for _ in range(ATTEMPTS):
+    for _ in range(QUERY_ATTEMPTS):
         with contextlib.suppress(TimeoutError, zenoh.ZError):
             await query(session, key, str(place).encode(), PART_S, take, lambda: None)
         if found:
@@ -164,7 +164,7 @@ class Serving:
     def _reply(self, asked: zenoh.Query) -> None:
         place = asked.payload.to_bytes() if asked.payload is not None and len(asked.payload) <= 4 else b""
         wanted = int(place) if place.isdigit() else len(self._parts)
-        part = self._parts[wanted] if wanted < len(self._parts) and self._answers < MOST_ANSWERS else None
+        part = self._parts[wanted] if wanted < len(self._parts) and self._answers < MAX_OPEN_ANSWERS else None
 
         def send() -> None:
             with asked:  # leaving the block ends the query for the peer

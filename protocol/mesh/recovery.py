@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Collection
 
-PERIOD_S = 2.0
+RECOVERY_PERIOD_S = 2.0
 MAX_PUT_OFF = 0.5  # share of an answer
 HURRY_S = 0.2  # while entries arrive: after a restart the whole log is missing, and each answer has a bounded part of it
 
@@ -31,7 +31,7 @@ async def recover(
         put_off: number of postponed entries so far; if most of an answer is postponed, the next query waits a period.
     """
     now_s = asyncio.get_running_loop().time
-    due_s, turn = now_s() + PERIOD_S * phase, 0
+    due_s, turn = now_s() + RECOVERY_PERIOD_S * phase, 0
     known: set[str] = set()
     fresh: list[str] = []
     while True:
@@ -43,7 +43,7 @@ async def recover(
         if not peers or (not fresh and now_s() < due_s):
             await asyncio.sleep(HURRY_S)
             continue
-        regular = not fresh or now_s() >= due_s + PERIOD_S
+        regular = not fresh or now_s() >= due_s + RECOVERY_PERIOD_S
         peer = peers[turn % len(peers)] if regular else fresh[0]
         before = put_off()
         received = await ask(peer, summary())
@@ -53,6 +53,6 @@ async def recover(
             fresh += [peer] if got else []
         if regular:
             turn += 1
-            due_s = now_s() + (0.0 if got else PERIOD_S)
+            due_s = now_s() + (0.0 if got else RECOVERY_PERIOD_S)
         if got:
             await asyncio.sleep(HURRY_S)

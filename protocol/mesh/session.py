@@ -32,10 +32,10 @@ from radron.protocol.units import STATION
 __all__ = ["Mesh", "MeshConfig"]
 
 CACHE_ENTRIES = 500  # of each kind, 1.2 kB each, for peers after a late start or a lost link; older entries: by the log query
-HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
+PUBLISHER_HEARTBEAT_S = 0.5  # the loss of a last entry is noticed after this time
 ASK_S = 1.0
 RELINKED_S = 1.0  # until the peers are linked again with a reopened session
-MOST_HELD_BACK = 1_000  # entries, while the session is reopened
+MAX_HELD_BACK = 1_000  # entries, while the session is reopened
 
 
 class Mesh:
@@ -70,7 +70,7 @@ class Mesh:
         self._members = members
         self._failure: str | None = None  # error of the last attempt to reopen the session
         self._holds_back = False  # True: entries wait for the reopened session
-        self._held_back: deque[tuple[str, bytes]] = deque(maxlen=MOST_HELD_BACK)
+        self._held_back: deque[tuple[str, bytes]] = deque(maxlen=MAX_HELD_BACK)
         self._pace = Pace()
         self._answers = Answers(self._loop, answer, self.counters) if answer is not None else None
 
@@ -332,7 +332,7 @@ class Mesh:
                 congestion_control=CongestionControl.DROP,
                 priority=Priority.DATA_HIGH,
                 cache=ext.CacheConfig(CACHE_ENTRIES),
-                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT_S),
+                sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=PUBLISHER_HEARTBEAT_S),
             )
         # With a separate priority, commands are not dropped in favour of frequent messages.
         priority = Priority.INTERACTIVE_HIGH if address.kind in STATION_KINDS else Priority.INTERACTIVE_LOW

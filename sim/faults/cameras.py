@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from radron.agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
 from radron.sim.faults.machines import CameraDead, CameraGain, CameraNoisy, CameraStuck
 from radron.sim.faults.schedule import Active, Schedule
-from radron.sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from radron.sim.radiation.calibration import MAX_TOT, PixelCalibration
 from radron.sim.radiation.truth import CameraTruth
 
 _HALF = SENSOR_PIXELS // 2
@@ -96,7 +96,7 @@ def time_over_threshold(
     """
     a, b, c, t = (values[index] for values in (calibration.true_a, calibration.b, calibration.c, calibration.t))
     counts = a * energy_kev + b - c / np.maximum(energy_kev - t, 1e-3) + 0.5
-    return np.clip(counts, 0.0, LARGEST_TOT).astype(np.int64)
+    return np.clip(counts, 0.0, MAX_TOT).astype(np.int64)
 
 
 def amplified(hits: PixelHits, factor: float, calibration: PixelCalibration) -> PixelHits:

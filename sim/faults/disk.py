@@ -18,7 +18,7 @@ from radron.sim.faults.base import Fault
 from radron.sim.faults.kinds import LIVE_ONLY, kind_of
 from radron.sim.faults.schedule import Active
 
-SLOW_NS = 10_000_000_000  # until a file is written on a slow disk
+SLOW_WRITE_NS = 10_000_000_000  # until a file is written on a slow disk
 _FLIPPED_BITS = 3
 
 Struck = Sequence[tuple[Disk, Active]]
@@ -54,7 +54,7 @@ class StateDisk:
             return
         self.problem = ""
         if "slow" in hows:
-            self._writing = now_ns + SLOW_NS, content
+            self._writing = now_ns + SLOW_WRITE_NS, content
         else:
             self._content = content
 

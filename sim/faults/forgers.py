@@ -18,8 +18,8 @@ from radron.sim.faults.schedule import Schedule
 from radron.sim.geometry import Vector3
 
 BESIDE_M = 15.0
-HELD_NS, LATE_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to the copy of the hold
-BESIDE = 2**30  # added to the number of an invalid entry, so that it hides no valid one
+RESUME_AFTER_NS, COPY_AFTER_NS = 3_000_000_000, 8_000_000_000  # from the hold to the resumption, and to the copy of the hold
+INVALID_NUMBER_OFFSET = 2**30  # added to the number of an invalid entry, so that it hides no valid one
 _SAID = ("pose", "plan", "cone", "exposure")
 _TOO_LONG = 50.0  # live time, of a duration
 _OTHER = "0123456789abcdef"  # id of another mission
@@ -80,8 +80,8 @@ class OldCommands:
             for drone in sorted(one.drones) if isinstance(one.fault, OldCommand) else ():
                 payload = command([drone], Action.HOLD)
                 if payload is not None:
-                    self._copies.append((now_ns + LATE_NS, drone, payload))
-                self._resumes.append((now_ns + HELD_NS, drone))
+                    self._copies.append((now_ns + COPY_AFTER_NS, drone, payload))
+                self._resumes.append((now_ns + RESUME_AFTER_NS, drone))
         while self._resumes and self._resumes[0][0] <= now_ns:
             command([self._resumes.popleft()[1]], Action.RESUME)
         while self._copies and self._copies[0][0] <= now_ns:
@@ -99,9 +99,11 @@ def _impossible(message: AnyMessage) -> AnyMessage:
             return replace(message, positions_m=(first, *(_moved(place, 1000.0) for place in others)))
         case Cone():
             first_order, second_order = (replace(order, axis=(1.0, 1.0, 0.0)) for order in message.orders)
-            return replace(message, orders=(first_order, second_order), sequence=message.sequence + BESIDE)
+            return replace(message, orders=(first_order, second_order), sequence=message.sequence + INVALID_NUMBER_OFFSET)
         case Exposure():
-            return replace(message, live_time_s=_TOO_LONG * message.live_time_s, sequence=message.sequence + BESIDE)
+            return replace(
+                message, live_time_s=_TOO_LONG * message.live_time_s, sequence=message.sequence + INVALID_NUMBER_OFFSET
+            )
         case _:
             return message
 
@@ -114,10 +116,10 @@ def _beside(message: AnyMessage) -> AnyMessage:
         case Plan():
             return replace(message, positions_m=tuple(_moved(place, BESIDE_M) for place in message.positions_m))
         case Cone():
-            return replace(message, apex_m=_moved(message.apex_m, BESIDE_M), sequence=message.sequence + BESIDE)
+            return replace(message, apex_m=_moved(message.apex_m, BESIDE_M), sequence=message.sequence + INVALID_NUMBER_OFFSET)
         case Exposure():
             poses = tuple(replace(pose, position_m=_moved(pose.position_m, BESIDE_M)) for pose in message.poses)
-            return replace(message, poses=poses, sequence=message.sequence + BESIDE)
+            return replace(message, poses=poses, sequence=message.sequence + INVALID_NUMBER_OFFSET)
         case _:
             return message
 

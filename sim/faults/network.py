@@ -21,7 +21,7 @@ from radron.sim.geometry import Array
 from radron.sim.world.radio import Radio, RadioTruth, is_entry
 
 CACHE_ENTRIES = 500  # of each kind, kept by a publisher for a link that is down (radron.protocol.mesh.session)
-MOST_FLOODING = 300  # messages on a link in one tick: the excess is dropped, as by Zenoh
+MAX_FLOODING = 300  # messages on a link in one tick: the excess is dropped, as by Zenoh
 _PAD = 1000  # bytes of a piece of padding; the decoder refuses strings of more than 1024
 
 Link = tuple[int, int]  # sender, receiver
@@ -152,7 +152,7 @@ class FaultyRadio(Radio):
             return
         key, payload = self._poses[sender]
         copy = padded(payload, flood.message_bytes)
-        number = min(MOST_FLOODING, round(flood.rate_mbps * 1e6 * self._tick_s / len(copy)))
+        number = min(MAX_FLOODING, round(flood.rate_mbps * 1e6 * self._tick_s / len(copy)))
         for receiver in range(len(self._names)):
             if receiver != sender:
                 for _ in range(number):

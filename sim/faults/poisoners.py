@@ -15,7 +15,7 @@ from radron.sim.faults.agents import Poisoned
 from radron.sim.faults.schedule import Active, Schedule
 from radron.sim.geometry import Vector3
 
-BESIDE = 2**29  # added to the numbers of exposures beside the drone's own
+BURST_NUMBER_OFFSET = 2**29  # added to the numbers of exposures beside the drone's own
 ELSEWHERE_M = 15.0
 _COUNTS = {"none": Counts(0, 0, 0), "many": Counts(100_000, 40_000, 5_000)}
 _APART_NS = 1_000_000  # between the ends of the exposures of a burst
@@ -30,7 +30,7 @@ class Poisoners:
         self._estimates: dict[int, Vector3] = {}  # by drone, its newest published estimate, mission frame
         self._frames: dict[tuple[int, int], tuple[Vector3, float]] = {}  # by drone and epoch: translation, heading in radians
         self._angles: dict[Active, float] = {}
-        self._numbers = count(BESIDE)
+        self._numbers = count(BURST_NUMBER_OFFSET)
 
     def replaced(self, drone: int, key: str, payload: bytes) -> Exposure | None:
         """Return the false exposure that replaces a drone's own; None if there is none."""

@@ -22,7 +22,7 @@ from radron.sim.vehicle.px4.parameters import Parameters
 from radron.sim.world.localization import Localization
 from radron.sim.world.movingframes import Jump, MovingFrames, Reset
 
-NOTICED_S = 0.2  # five messages of the receiver a second
+RECEIVER_PERIOD_S = 0.2  # five messages of the receiver a second
 CONFIRM_S = 3.0  # of healthy status until the driver trusts a position again
 _DRIFT_MPS, _DRIFT_MPS2 = 0.6, 0.25  # the driver's bound of the drift
 PARAMETERS = {"EKF2_NOAID_TOUT": 2_000_000.0}  # as preflight requires
@@ -49,7 +49,7 @@ class _Doubt:
     @property
     def aided(self) -> bool:
         """Return whether satellites are received, or were lost too recently to be noticed."""
-        return self._missing_s < NOTICED_S
+        return self._missing_s < RECEIVER_PERIOD_S
 
     def jumped(self) -> None:
         """Note a jump of the position, which needs confirmation; with satellites received, the drift ends."""

@@ -22,9 +22,9 @@ from radron.sim.vehicle.autopilot import Autopilot
 
 SILENCE_NS = 1_000_000_000  # after a longer gap between its steps an agent is ended (radron.agent.shell.heartbeat)
 RESTART_NS = 2_000_000_000  # until the service manager restarts an agent that was ended for slowness
-LOOK_NS = 500_000_000  # between two saves of an agent's shell
-CALL_NS = 1_000_000_000  # between two start commands to a late drone
-MOST_CALLS = 60  # then the operator gives up
+SAVE_PERIOD_NS = 500_000_000  # between two saves of an agent's shell
+START_PERIOD_NS = 1_000_000_000  # between two start commands to a late drone
+MAX_START_COMMANDS = 60  # then the operator gives up
 _ENDING = (Kill, Freeze)
 _STRIKING = (*_ENDING, Late, SlowCpu, Disk)
 
@@ -128,7 +128,7 @@ class Crew:
             elif agent.restart_ns is not None and now_ns >= agent.restart_ns:
                 self._boot(drone, now_ns)
         if now_ns >= self._look_ns:
-            self._look_ns = now_ns + LOOK_NS
+            self._look_ns = now_ns + SAVE_PERIOD_NS
             self._look(now_ns)
         for drone, agent in enumerate(self.agents):
             if agent.life is Life.RUNNING and agent.pilot.memory is not agent.kept:
@@ -159,17 +159,17 @@ class Crew:
         for drone in due:
             times = self._calls[drone][1] + 1
             revoked = bool(self._schedule.active(Revoked, drone))
-            if self.agents[drone].pilot.stage is not Stage.PREFLIGHT or times > MOST_CALLS or revoked:
+            if self.agents[drone].pilot.stage is not Stage.PREFLIGHT or times > MAX_START_COMMANDS or revoked:
                 del self._calls[drone]
             else:
-                self._calls[drone] = now_ns + CALL_NS, times
+                self._calls[drone] = now_ns + START_PERIOD_NS, times
         return [drone for drone in due if drone in self._calls and self.agents[drone].alive]
 
     def _strike(self, drone: int, fault: Fault, now_ns: int) -> None:
         agent = self.agents[drone]
         if isinstance(fault, Late):
             self._boot(drone, now_ns)
-            self._calls[drone] = now_ns + 2 * CALL_NS, 0  # by then it has received the status of the flying drones
+            self._calls[drone] = now_ns + 2 * START_PERIOD_NS, 0  # by then it has received the status of the flying drones
         elif isinstance(fault, Kill) and agent.alive:
             self._die(drone)
         elif isinstance(fault, Freeze) and agent.life is Life.RUNNING:

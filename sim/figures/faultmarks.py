@@ -13,7 +13,7 @@ from radron.sim.figures.style import drone_colour
 from radron.sim.result import FaultTrace, Trace
 
 ROW_IN = 0.19  # height of a row of bars, inches
-MOST_ROWS = 12
+MAX_MARK_ROWS = 12
 _LETTER = 0.0085  # width of a letter, as a share of the time axis
 _SEVERAL = "#555555"  # of more than one drone
 
@@ -34,7 +34,7 @@ def rows_of(faults: Sequence[FaultTrace], begin_s: float, end_s: float) -> list[
             ends.append(begin_s)
         rows[row].append((number, fault))
         ends[row] = max(fault.end_s, fault.begin_s + text_s)
-    return rows[:MOST_ROWS]
+    return rows[:MAX_MARK_ROWS]
 
 
 def shade_faults(axes: Axes, trace: Trace) -> None:

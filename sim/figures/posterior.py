@@ -11,6 +11,7 @@ from radron.sim.figures.map import last_tracking
 from radron.sim.figures.style import (
     DRONES,
     ESTIMATE,
+    MIN_SHOWN_M,
     TRUTH,
     becquerels,
     dress,
@@ -25,7 +26,6 @@ from radron.sim.geometry import Array
 from radron.sim.result import Trace
 
 INSTANTS = 5
-_LEAST_M = 0.01
 _CLEARLY = 0.8
 
 
@@ -76,7 +76,7 @@ def _regions(axes: Axes, trace: Trace, instant: int | None) -> None:
     draw_regions(axes, (x, y), covariance)
     axes.plot(x, y, marker="X", color=ESTIMATE, markersize=7, markeredgecolor="white", zorder=6)
     axes.plot(0.0, 0.0, marker="*", color=TRUTH, markersize=11, markeredgecolor="white", zorder=7)
-    reach = 1.1 * max(reach_m(covariance) + max(abs(x), abs(y)), _LEAST_M)
+    reach = 1.1 * max(reach_m(covariance) + max(abs(x), abs(y)), MIN_SHOWN_M)
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
     axes.set_aspect("equal")
@@ -90,18 +90,18 @@ def _errors(axes: Axes, trace: Trace) -> None:
     lines = [error, trace.sigma_m, trace.bound_m]
     if _apart(trace):
         lines += [trace.own_error_m, trace.own_bound_m]
-    axes.semilogy(trace.time_s, np.maximum(error, _LEAST_M), color=ESTIMATE, linewidth=1.4, label=f"error ({trace.drones[0]})")
+    axes.semilogy(trace.time_s, np.maximum(error, MIN_SHOWN_M), color=ESTIMATE, linewidth=1.4, label=f"error ({trace.drones[0]})")
     axes.semilogy(trace.time_s, trace.sigma_m, color=DRONES[0], linewidth=1.3, linestyle="--", label="stated RMS")
     shown = np.where(np.isfinite(trace.sigma_m), trace.bound_m, np.nan)
     axes.semilogy(trace.time_s, shown, color=TRUTH, linewidth=1.0, linestyle=":", label="bound (median)")
     if _apart(trace):
         label = f"error in {trace.drones[0]}'s own frame"
-        axes.semilogy(trace.time_s, np.maximum(trace.own_error_m, _LEAST_M), color=DRONES[1], linewidth=1.1, label=label)
+        axes.semilogy(trace.time_s, np.maximum(trace.own_error_m, MIN_SHOWN_M), color=DRONES[1], linewidth=1.1, label=label)
         own = np.where(np.isfinite(trace.sigma_m), trace.own_bound_m, np.nan)
         axes.semilogy(trace.time_s, own, color=DRONES[1], linewidth=1.0, linestyle=":", label="bound of that")
     finite = np.concatenate([line[np.isfinite(trace.sigma_m) & np.isfinite(line)] for line in lines])
     if finite.size:
-        ends = max(_LEAST_M, 0.7 * float(np.quantile(finite, 0.005))), 1.6 * float(finite.max())
+        ends = max(MIN_SHOWN_M, 0.7 * float(np.quantile(finite, 0.005))), 1.6 * float(finite.max())
         axes.set_ylim(*ends)
         plain_log(axes.yaxis, *ends)
     dress(axes, "", "", "distance (m)")

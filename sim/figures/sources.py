@@ -11,10 +11,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from radron.protocol.messages import Source as Found
-from radron.sim.figures.style import DRONES, TRUTH, becquerels, dress, new_figure, plain_log, stage_bands, wrapped
+from radron.sim.figures.style import DRONES, MIN_SHOWN_M, TRUTH, becquerels, dress, new_figure, plain_log, stage_bands, wrapped
 from radron.sim.result import EstimateTrace, SourceTrace, Trace
 
-_LEAST_M = 0.01
 _SHOWN_M = 10.0  # an estimate is drawn at the true source that is nearest to it, if that is no farther
 _ROOT_90 = math.sqrt(-2.0 * math.log(0.1))  # from the RMS of one axis to the radius of the 90 % region
 
@@ -69,12 +68,12 @@ def _course(axes: Axes, trace: Trace, truth: SourceTrace, colours: dict[str, str
     for name, colour in colours.items():
         mine = [(time_s, source) for time_s, source in shown if source.nuclide == name]
         times = [time_s for time_s, _ in mine]
-        apart = [max(math.dist(source.position_m[:2], truth.place_m[:2]), _LEAST_M) for _, source in mine]
+        apart = [max(math.dist(source.position_m[:2], truth.place_m[:2]), MIN_SHOWN_M) for _, source in mine]
         axes.plot(times, apart, color=colour, marker=".", markersize=2.5, linestyle="", alpha=0.5)
-        axes.plot(times, [max(_radius_m(source), _LEAST_M) for _, source in mine], color=colour, linewidth=1.5)
+        axes.plot(times, [max(_radius_m(source), MIN_SHOWN_M) for _, source in mine], color=colour, linewidth=1.5)
     axes.set_yscale("log")
-    axes.set_ylim(_LEAST_M, _SHOWN_M)
-    plain_log(axes.yaxis, _LEAST_M, _SHOWN_M)
+    axes.set_ylim(MIN_SHOWN_M, _SHOWN_M)
+    plain_log(axes.yaxis, MIN_SHOWN_M, _SHOWN_M)
     dress(axes, "", "", "m")
     axes.set_title(text if shown else f"{text}: not found", fontsize=9, loc="left")
 

@@ -20,6 +20,7 @@ ESTIMATE = "#D55E00"
 TRUTH = "#000000"
 CONE = "#7A7A7A"
 GRID = "#D9D9D9"
+MIN_SHOWN_M = 0.01  # lower end of logarithmic axes of errors
 STAGES = {  # background colours only; the label in the band names the stage
     "takeoff": "#F0F0F0",
     "survey": "#E3EEF7",

@@ -12,7 +12,7 @@ from pathlib import Path
 from radron.sim.live.processes import Child
 from radron.sim.live.runfolder import RunFolder
 
-STOP_S = 3.0  # an agent takes 2 s to end
+AGENT_STOP_S = 3.0  # an agent takes 2 s to end
 GONE_S = 5.0  # after a kill; else it is stuck in the kernel
 
 
@@ -78,4 +78,4 @@ class Agents:
 
     async def stop(self) -> None:
         """End all agents."""
-        await asyncio.gather(*(child.stop(STOP_S) for child in self._children.values()))
+        await asyncio.gather(*(child.stop(AGENT_STOP_S) for child in self._children.values()))

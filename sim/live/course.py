@@ -16,7 +16,7 @@ from radron.sim.live.worldlink import Order, Truth
 from radron.sim.live.worldprocess import LiveError
 from radron.sim.result import Flight
 from radron.sim.scenario import Scenario
-from radron.sim.scoring.recorder import LONGEST_START_S, Recorder
+from radron.sim.scoring.recorder import MAX_START_S, Recorder
 from radron.sim.world.frame import LocalFrames
 
 TRUTH_S = 0.05  # interval of truths
@@ -119,7 +119,7 @@ class Course:
                 self._faults.step(time_s, truth)
             self._started_drones |= {agent.drone for agent in self._operator.observer.agents if agent.stage not in ON_GROUND}
             # Agents on the ground since an earlier mission have not ended this one.
-            self._begun = self._begun or not self._all_landed() or time_s > LONGEST_START_S
+            self._begun = self._begun or not self._all_landed() or time_s > MAX_START_S
             if self._begun and not self._over:
                 position, velocity = np.array(truth.position_m), np.array(truth.velocity_mps)
                 self._over = self._recorder.sample(time_s, position, velocity, truth.sources)

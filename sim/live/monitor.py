@@ -18,7 +18,7 @@ from radron.protocol.stages import ON_GROUND
 from radron.sim.geometry import Array
 from radron.sim.vehicle.px4.fleet import VehicleReport
 
-SILENT_S = 3.0  # a status comes each second: after so long without a message an agent's link counts as lost
+LINK_LOST_S = 3.0  # a status comes each second: after so long without a message an agent's link counts as lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,14 +119,14 @@ class ObservedAgent:
         if vehicle.failsafe and not self._failsafe:
             self.failsafes += 1
         self._failsafe = vehicle.failsafe
-        if self._belief is not None and now_s - self._believed_s > SILENT_S:
+        if self._belief is not None and now_s - self._believed_s > LINK_LOST_S:
             self._belief = None
 
     def obstacle(self, mission_id: str, now_s: float, without: Collection[str] = ()) -> str | None:
         """Return why the drone cannot be started yet, or None. ``without``: drones that it does not wait for."""
         if not self.alive:
             return "not in the mesh yet"
-        if self.status is None or now_s - self.heard_s > SILENT_S:
+        if self.status is None or now_s - self.heard_s > LINK_LOST_S:
             return "no status yet"
         if self.status.mission != mission_id:
             return f"another mission file ({self.status.mission}, here {mission_id})"

@@ -22,10 +22,10 @@ from radron.sim.live.view import View
 from radron.sim.live.worldlink import Truth
 from radron.sim.live.worldprocess import LiveError, WorldProcess
 
-LOOK_S = 0.1  # polling interval of conditions
-REPEAT_S = 0.5  # interval between copies of a command
+CONDITION_POLL_S = 0.1  # polling interval of conditions
+COMMAND_PERIOD_S = 0.5  # interval between copies of a command
 RENEW_S = 8.0  # interval of new stamps of a command; agents refuse a start older than 10 s
-STATION = "sim"  # its name in a swarm without certificates
+SIM_STATION = "sim"  # its name in a swarm without certificates
 
 
 class Operator:
@@ -107,7 +107,7 @@ class Operator:
             while time.monotonic() < renew_s:
                 drones = None if addressees is None else addressees()
                 self._send(action, stamp_ns, {name: numbers[name] for name in numbers if drones is None or name in drones})
-                if await self.until(obeyed, REPEAT_S):
+                if await self.until(obeyed, COMMAND_PERIOD_S):
                     return True
         return obeyed()
 
@@ -116,7 +116,7 @@ class Operator:
         newest = {agent.drone: agent.ticket for agent in self.observer.agents}
         to = {name: Ticket(ticket.nonce, number) for name, number in numbers.items() if (ticket := newest[name]) is not None}
         if to:
-            station = self._trust.name if self._trust is not None else STATION
+            station = self._trust.name if self._trust is not None else SIM_STATION
             message = Command(stamp_ns=stamp_ns, station=station, mission=self.mission.mission_id, action=action, to=to)
             message = message if self._trust is None else sign_command(message, self._trust)
             self._mesh.publish(key_of(self.mission.swarm, message), encode(message))
@@ -136,7 +136,7 @@ class Operator:
             for child in [child for child in self._agents.running if child.exit_code is not None]:
                 self._agents.running.remove(child)
                 self.view.say(_exit_message(child))
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(CONDITION_POLL_S)
         return True
 
     def _see(self, truth: Truth) -> None:

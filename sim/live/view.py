@@ -13,7 +13,7 @@ from rich.table import Table
 
 from radron.protocol.messages import Stage
 from radron.sim.commands.console import Every, err, say
-from radron.sim.live.monitor import SILENT_S, ObservedAgent
+from radron.sim.live.monitor import LINK_LOST_S, ObservedAgent
 from radron.sim.live.worldlink import Truth
 
 _REDRAW_S = 0.25
@@ -112,7 +112,7 @@ def _link(agent: ObservedAgent, now_s: float) -> str:
     if not agent.alive:
         return "gone" if np.isfinite(agent.heard_s) else "-"
     silent_s = now_s - agent.heard_s
-    return "up" if silent_s < SILENT_S else f"silent for {silent_s:.0f} s"
+    return "up" if silent_s < LINK_LOST_S else f"silent for {silent_s:.0f} s"
 
 
 def _error_m(agent: ObservedAgent, truth: Truth) -> float | None:

@@ -25,7 +25,7 @@ from radron.sim.live.crew import Guidance, crew_parameters
 from radron.sim.live.feed import ByteServer, FeedServer, LineServer
 from radron.sim.live.vehicles import Vehicles
 from radron.sim.live.worldlink import Order, Ready, Truth, WorldConfig, pack, read_order
-from radron.sim.scoring.recorder import LONGEST_START_S
+from radron.sim.scoring.recorder import MAX_START_S
 from radron.sim.vehicle.multirotor import Multirotors
 from radron.sim.vehicle.px4.config import Datum, Px4Config
 from radron.sim.vehicle.px4.fleet import Px4Fleet
@@ -76,7 +76,7 @@ class World:
             self._sightings = Sightings(scenario.sightings, names, walls, STEP_S, random.sightings)
         self._sighting_feeds = [LineServer() for _ in mission.drones if self._sightings is not None]
         self._cameras: Cameras | None = None
-        self._sources = Sources(scenario, LONGEST_START_S + scenario.end.longest_s(mission), random)
+        self._sources = Sources(scenario, MAX_START_S + scenario.end.longest_s(mission), random)
         if scenario.measured:
             drones = [DroneConfig(id=drone.id) for drone in mission.drones]
             self._cameras = Cameras(scenario, self._sources.nuclides, drones, random, self._began_ns)

@@ -15,9 +15,9 @@ from radron.sim.live.worldlink import Order, Ready, Truth, WorldConfig, order_li
 from radron.sim.runfile import write_text
 from radron.sim.vehicle.px4.faults import VehicleFault
 
-UP_S = 300.0  # the first start computes the camera's response, with a progress bar
-SILENT_S = 10.0  # a world without output for so long hangs
-STOP_S = 2.0
+WORLD_START_S = 300.0  # the first start computes the camera's response, with a progress bar
+WORLD_SILENT_S = 10.0  # a world without output for so long hangs
+WORLD_STOP_S = 2.0
 
 
 class LiveError(RadronError):
@@ -43,15 +43,15 @@ class WorldProcess:
         write_text(file, msgspec.json.encode(config).decode())
         child = await Child.start("world", [sys.executable, "-m", "radron.sim.live.world", str(file)], piped=True)
         try:
-            async with asyncio.timeout(UP_S):
+            async with asyncio.timeout(WORLD_START_S):
                 ready, truth = await read(child.stdout), await read(child.stdout)
             if not isinstance(ready, Ready) or not isinstance(truth, Truth):
                 raise LiveError("the world ended before it was up; see the reason above")
         except TimeoutError:
-            await child.stop(STOP_S)
-            raise LiveError(f"the world is not up within {UP_S:g} s") from None
+            await child.stop(WORLD_STOP_S)
+            raise LiveError(f"the world is not up within {WORLD_START_S:g} s") from None
         except BaseException:
-            await child.stop(STOP_S)
+            await child.stop(WORLD_STOP_S)
             raise
         return cls(child, ready, truth)
 
@@ -63,10 +63,10 @@ class WorldProcess:
         """
         while True:
             try:
-                async with asyncio.timeout(SILENT_S):
+                async with asyncio.timeout(WORLD_SILENT_S):
                     truth = await read(self._child.stdout)
             except TimeoutError:
-                raise LiveError(f"the world has said nothing for {SILENT_S:g} s") from None
+                raise LiveError(f"the world has said nothing for {WORLD_SILENT_S:g} s") from None
             if not isinstance(truth, Truth):
                 raise LiveError("the world has ended in the middle of the flight")
             self.truth = truth
@@ -83,4 +83,4 @@ class WorldProcess:
 
     async def stop(self) -> None:
         """End the world process."""
-        await self._child.stop(STOP_S)
+        await self._child.stop(WORLD_STOP_S)

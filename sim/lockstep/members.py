@@ -21,7 +21,7 @@ from radron.protocol.signing import Sign, Trust, sign_command, sign_revocation
 from radron.sim.lockstep.sharing import Results
 
 OPERATOR_NAME = "lockstep"
-MOST_SIGNED = 512  # remembered signatures: all drones verify them within the delay of the radio
+MAX_SIGNED = 512  # remembered signatures: all drones verify them within the delay of the radio
 _BEGINS_NS, _DAYS = 1_577_836_800_000_000_000, 18_263  # 2020 to 2070
 
 
@@ -43,7 +43,7 @@ class SimulatedAuthority:
         self._seed = seed
         self._issuer = Issuer.new("simulated", _BEGINS_NS, _DAYS, _key(seed, "authority"))
         self.authority = self._issuer.authority
-        self._known = Results(MOST_SIGNED)
+        self._known = Results(MAX_SIGNED)
         self._pem = self.authority.certificate.public_bytes(Encoding.PEM).decode()
 
     def trust(self, name: str, role: str = Role.DRONE, may_revoke: bool = False) -> Trust:

@@ -13,9 +13,9 @@ from radron.agent.config.mission import MissionConfig
 from radron.agent.frames.checkpoint import Checkpoint
 from radron.agent.frames.estimate import Estimate
 from radron.agent.frames.intake import Intake
-from radron.sim.lockstep.sharing import MOST_LINEAGES, Results
+from radron.sim.lockstep.sharing import MAX_LINEAGES, Results
 
-MOST_CHECKPOINTS = 256  # remembered, of 20 kB each; beyond that, keyframes are computed again
+MAX_FRAME_CHECKPOINTS = 256  # remembered, of 20 kB each; beyond that, keyframes are computed again
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class SharedFrames:
     """Gives each agent of a flight its estimate of the local frames, and shares the computations between them."""
 
     def __init__(self) -> None:
-        self._lineages, self._checkpoints = Results(MOST_LINEAGES), Results(MOST_CHECKPOINTS)
+        self._lineages, self._checkpoints = Results(MAX_LINEAGES), Results(MAX_FRAME_CHECKPOINTS)
 
     def __call__(self, mission: MissionConfig, intake: Intake) -> SharedEstimate:
         """Return the ``Estimate`` of one agent."""

@@ -27,10 +27,10 @@ from radron.protocol.messages import AnyMessage
 from radron.protocol.signing import Signed, signed_root
 from radron.sim.scoring.moment import Shared
 
-MOST_STEPS = 256  # remembered: 25 s of a track, replayed side by side after a partition; up to 100 MB
-MOST_LINEAGES = 4096  # without their states, for longer replays
-MOST_HYPOTHESES = 16  # all agents ask for the same ones at the same time
-MOST_READ = 512  # messages of more than a second of six drones, received within the delay of the radio
+MAX_SHARED_STEPS = 256  # remembered: 25 s of a track, replayed side by side after a partition; up to 100 MB
+MAX_LINEAGES = 4096  # without their states, for longer replays
+MAX_SHARED_HYPOTHESES = 16  # all agents ask for the same ones at the same time
+MAX_READ_MESSAGES = 512  # messages of more than a second of six drones, received within the delay of the radio
 _UNKNOWN = object()
 
 S = TypeVar("S")
@@ -70,7 +70,11 @@ class SharedFold(Generic[S]):
         self._estimator = estimator
         self.name, self.reads = estimator.name, estimator.reads
         self.grid_s, self.hold_s = estimator.grid_s, estimator.hold_s
-        self._lineages, self._steps, self._hypotheses = Results(MOST_LINEAGES), Results(MOST_STEPS), Results(MOST_HYPOTHESES)
+        self._lineages, self._steps, self._hypotheses = (
+            Results(MAX_LINEAGES),
+            Results(MAX_SHARED_STEPS),
+            Results(MAX_SHARED_HYPOTHESES),
+        )
         self._initial: dict[int | None, Descended[S]] = {}  # one for each start command
 
     def initial(self, start_ns: int | None) -> Descended[S]:
@@ -110,7 +114,7 @@ class Readings(Shared):
     """Decodes messages, each only once for all agents of a flight, as decoded messages are immutable."""
 
     def __init__(self) -> None:
-        self._read = lru_cache(MOST_READ)(decode_from)
+        self._read = lru_cache(MAX_READ_MESSAGES)(decode_from)
 
     def __call__(self, key: str, payload: bytes) -> AnyMessage:
         """Decode as ``decode_from``; raises the same errors, each time."""
@@ -121,7 +125,7 @@ class SignedRoots:
     """Computes the signed bytes (root of the hash tree) of each log entry only once for all agents of a flight."""
 
     def __init__(self) -> None:
-        self._known = Results(MOST_READ)
+        self._known = Results(MAX_READ_MESSAGES)
 
     def __call__(self, entry: Entry, payload: bytes) -> Signed | None:
         """Return the signed root, as ``signed_root`` does."""

@@ -37,7 +37,7 @@ from radron.sim.scoring.aboard import Aboard
 from radron.sim.scoring.framescore import FrameScore
 from radron.sim.scoring.heard import KINDS
 from radron.sim.scoring.moment import EPOCH_NS, Moment
-from radron.sim.scoring.recorder import LONGEST_START_S, Recorder
+from radron.sim.scoring.recorder import MAX_START_S, Recorder
 from radron.sim.vehicle.autopilot import autopilots
 from radron.sim.vehicle.multirotor import Multirotors
 from radron.sim.vehicle.setpoints import in_world
@@ -54,7 +54,7 @@ from radron.sim.world.walls import Walls
 TICK_NS = 50_000_000  # agents and autopilots step at 20 Hz
 EXPOSE_TICKS = 2  # a camera is exposed for 0.1 s at the pose in the middle
 READ_TICKS = 4  # cameras are read out at 5 Hz
-START_S = 0.5  # the operator's start command, after the agents have received each other's messages
+COMMAND_AT_S = 0.5  # the operator's start command, after the agents have received each other's messages
 
 
 class World:
@@ -79,7 +79,7 @@ class World:
             walls = Walls(scenario.walls) if scenario.walls else None
             self._sightings = Sightings(scenario.sightings, names, walls, TICK_NS * 1e-9, random.sightings)
         configs = [DroneConfig(id=drone.id, vehicle=VehicleConfig(response=scenario.response)) for drone in mission.drones]
-        self._sources = Sources(scenario, LONGEST_START_S + scenario.end.longest_s(mission), random)
+        self._sources = Sources(scenario, MAX_START_S + scenario.end.longest_s(mission), random)
         self._sources_now: tuple[Source, ...] = ()
         nuclides = self._sources.nuclides
         self._cameras = Cameras(scenario, nuclides, configs, random, EPOCH_NS) if scenario.measured else None
@@ -159,7 +159,7 @@ class World:
         self._radio.advance(now_ns, self._multirotors.position_m)
         sources = self._sources_now = self._sources.at(self.time_s)
         measured = self._sense(now_ns, sources)
-        if self.ticks == round(START_S * 1e9 / TICK_NS):
+        if self.ticks == round(COMMAND_AT_S * 1e9 / TICK_NS):
             self._command(now_ns, [drone for drone, agent in enumerate(self._crew.agents) if agent.alive], Action.START)
         self._command(now_ns, self._crew.called(now_ns), Action.START)
         self._old_commands.advance(now_ns, partial(self._command, now_ns), self._again)

@@ -25,8 +25,8 @@ from radron.sim.px4test.px4 import Px4, container
 from radron.sim.vehicle.px4.config import Datum
 
 ONBOARD_PORT, GROUND_STATION_PORT = 14540, 14550
-MOST = 10  # further instances would share a port
-STOP_S = 5.0
+MAX_INSTANCES = 10  # further instances would share a port
+PX4_STOP_S = 5.0
 _MODEL, _AIRFRAME = "sihsim_quadx", "10040"
 _EARLY_S = 1.0  # an instance that cannot start has ended by then
 _FENCE_RETURN = 3  # GF_ACTION
@@ -60,8 +60,10 @@ async def autopilots(px4: Px4, mission: MissionConfig, folder: Path) -> AsyncIte
     Raises:
         LiveError: an instance ends at once; the error contains its last output.
     """
-    if len(mission.drones) > MOST:
-        raise LiveError(f"{len(mission.drones)} drones: PX4's instances have onboard links of their own for {MOST} at most")
+    if len(mission.drones) > MAX_INSTANCES:
+        raise LiveError(
+            f"{len(mission.drones)} drones: PX4's instances have onboard links of their own for {MAX_INSTANCES} at most"
+        )
     started: list[Child] = []
     try:
         for instance, drone in enumerate(mission.drones):
@@ -73,7 +75,7 @@ async def autopilots(px4: Px4, mission: MissionConfig, folder: Path) -> AsyncIte
         ports = [ONBOARD_PORT + instance for instance in range(len(started))]
         yield Places.with_vehicles(ports, (LOCAL, GROUND_STATION_PORT))
     finally:
-        await asyncio.gather(*(child.stop(STOP_S) for child in started))
+        await asyncio.gather(*(child.stop(PX4_STOP_S) for child in started))
         if px4.image is not None:
             await _remove(len(started))
 

@@ -20,7 +20,7 @@ from radron.sim.live.worldprocess import LiveError
 from radron.sim.px4test.rows import Checks, Row
 from radron.sim.px4test.witness import Moment, Witness, least_distance_m, speed_mps
 from radron.sim.result import Flight
-from radron.sim.scoring.safety import OFF_GROUND_M
+from radron.sim.scoring.moment import OFF_GROUND_M
 
 SEPARATION_M = 3.0  # required by the missions
 COLLISION_M = 1.0  # between the centres of two vehicles

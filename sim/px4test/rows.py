@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from radron.sim.runfile import write_text
 
-_LONGEST = 300  # longest line: a process's last output can be a whole traceback
+_MAX_LINE_LENGTH = 300  # longest line: a process's last output can be a whole traceback
 
 
 class Row(Struct, frozen=True):
@@ -85,7 +85,7 @@ def table(report: Report) -> list[str]:
     lines = [f"Flown: {report.vehicles}; judged by: {report.truth}; {report.wall_s:.0f} s"]
     lines += [line for row in report.repeated for line in _lines(row, "AGAIN ", width)]
     lines += [line for row in report.rows for line in _lines(row, "passed" if row.passed else "FAILED", width)]
-    return [line[:_LONGEST] for line in lines]
+    return [line[:_MAX_LINE_LENGTH] for line in lines]
 
 
 def _lines(row: Row, verdict: str, width: int) -> list[str]:

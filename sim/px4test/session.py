@@ -22,8 +22,8 @@ from radron.sim.px4test.px4 import Px4
 from radron.sim.px4test.rows import Report, Row
 from radron.sim.scenario import Scenario, load_scenario, override
 
-LONGEST_S = 420.0  # limit of a session; two missions take four minutes
-READY_S = 180.0  # PX4 boots, and its filter settles; minutes where the machine is starved
+MAX_SESSION_S = 420.0  # limit of a session; two missions take four minutes
+PX4_READY_S = 180.0  # PX4 boots, and its filter settles; minutes where the machine is starved
 Flights = Callable[[Swarm, int, float, Path], Awaitable[list[Row]]]
 
 
@@ -81,13 +81,13 @@ async def _fly(session: Session, px4: Px4 | None, seed: int, folder: Path, truth
     scenario = override(load_scenario("demo"), session.settings)
     with console_view(session.name) as view:
         try:
-            async with asyncio.timeout(LONGEST_S), _swarm(px4, scenario, seed, folder, view) as swarm:
+            async with asyncio.timeout(MAX_SESSION_S), _swarm(px4, scenario, seed, folder, view) as swarm:
                 try:
-                    return await session.fly(swarm, seed, READY_S, folder)
+                    return await session.fly(swarm, seed, PX4_READY_S, folder)
                 finally:
                     truths |= {report.truth for report in swarm.operator.world.truth.vehicles}
         except TimeoutError:
-            return [Row(session.name, (f"not over within {LONGEST_S:g} s",))]
+            return [Row(session.name, (f"not over within {MAX_SESSION_S:g} s",))]
         except RadronError as error:
             return [Row(session.name, (str(error),))]
 

@@ -12,7 +12,7 @@ from radron.protocol.messages import AnyDroneMessage, Pose, Stage
 from radron.sim.geometry import Array
 from radron.sim.live.operator import Operator
 from radron.sim.live.worldlink import Truth
-from radron.sim.scoring.safety import OFF_GROUND_M
+from radron.sim.scoring.moment import OFF_GROUND_M
 from radron.sim.world.frame import LocalFrames
 
 

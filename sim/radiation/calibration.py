@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 # A typical Timepix3 pixel: ToT = a E + b - c / (E - t), ToT in 25 ns counts, E in keV.
 NOMINAL_A, NOMINAL_B, NOMINAL_C, NOMINAL_T = 1.6, 24.0, 60.0, 1.8
-LARGEST_TOT = 1022  # the counter's 10 bits saturate
+MAX_TOT = 1022  # the counter's 10 bits saturate
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,15 +15,14 @@ from radron.agent.detector.readout import Readout
 from radron.sim.radiation.bank import BACKGROUND_BIN, SCATTERED_BIN, near_bin
 from radron.sim.radiation.calibration import PixelCalibration
 from radron.sim.radiation.electronics import Electronics
-from radron.sim.radiation.emission import ANY, Emission, Origins, Pool, pick
-from radron.sim.radiation.ground.around import AroundCamera
+from radron.sim.radiation.emission import FROM_ALL_DIRECTIONS, Emission, Origins, Pool, pick
+from radron.sim.radiation.ground.around import MIN_DISTANCE_M, AroundCamera
 from radron.sim.radiation.individual import Individual
 from radron.sim.radiation.truth import CameraTruth, GroundTruth
 
 __all__ = ["Camera", "CameraTruth", "SourceView"]
 
 GUARD_TICKS = 128  # an event's hits end within 200 ns; the last events of a slice begin early enough to end in it
-_NEAREST_M = 0.05
 
 
 class SourceView(Struct, frozen=True):
@@ -79,7 +78,13 @@ class Camera:
         self._own = Individual(truth, rng)
         self._electronics = Electronics(truth, rng, clock_ns)
         # Records no event, but loads the compiled functions, which takes longer than a second of exposures.
-        nowhere = Origins(np.array([1.0]), np.array([BACKGROUND_BIN]), np.array([0]), np.array([ANY]), np.empty((0, self._lines)))
+        nowhere = Origins(
+            np.array([1.0]),
+            np.array([BACKGROUND_BIN]),
+            np.array([0]),
+            np.array([FROM_ALL_DIRECTIONS]),
+            np.empty((0, self._lines)),
+        )
         self._record(clock_ns, clock_ns, np.empty((0, 5)), nowhere)
 
     @property
@@ -103,7 +108,7 @@ class Camera:
         for k, view in enumerate(views):
             nuclide = self._place[view.nuclide]
             emission = self._emissions[nuclide]
-            distance_m = max(view.distance_m, _NEAREST_M)
+            distance_m = max(view.distance_m, MIN_DISTANCE_M)
             place, symmetry = near_bin(view.direction, rng.random(), rng.random())
             depth = emission.least_attenuation * distance_m
             per_mm2 = view.activity_bq * math.exp(-depth) / (4e6 * math.pi * distance_m * distance_m)
@@ -121,7 +126,7 @@ class Camera:
         nuclides += [*range(len(scattered)), 0]
         drift = own.background(span_s)
         rates += [*scattered, truth.background_hits_per_s * own.sensitivity * drift]
-        symmetries += [ANY] * (len(scattered) + 1)
+        symmetries += [FROM_ALL_DIRECTIONS] * (len(scattered) + 1)
         if self._around is not None:
             time_s = (start_ns - self._clock_ns) * 1e-9
             around = self._around.rates(views, own, drift, height_m, time_s, self._emissions[0].nuclide)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from radron.agent.detector.readout import SENSOR_PIXELS, TICK_NS, PixelHits, Readout
 from radron.sim.radiation._jit import jit
-from radron.sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from radron.sim.radiation.calibration import MAX_TOT, PixelCalibration
 from radron.sim.radiation.timepix3 import ENERGY_STEP_KEV
 from radron.sim.radiation.truth import CameraTruth
 
@@ -116,7 +116,7 @@ def _deliver(
                 continue
             ticks[size] = tick[k] + pixels[p]["tick"]
             index[size] = i
-            tot[size] = min(counts, LARGEST_TOT)
+            tot[size] = min(counts, MAX_TOT)
             size += 1
     end = np.empty(size, np.int64)
     order = np.argsort(ticks[:size])

@@ -25,7 +25,7 @@ _ELECTRONS = 48 + 52
 _BETHE_KEV_CM2 = 153.5374  # 2 pi r_e^2 m c^2 N_A, per mol
 _RADIUS2_AVOGADRO_CM2 = 7.940788e-26 * 6.02214076e23  # r_e^2 N_A, per mol
 _STOPPED_KEV = 20.0  # a range of 3 um: the rest is deposited on the spot
-_LONGEST_STEP_MM = 0.015
+_MAX_STEP_MM = 0.015
 
 FloatArray = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def track(
         cell = int((math.log(energy_kev) - start) * scale)
         stopping = tables.stopping[cell]
         deflection = tables.deflection[cell]
-        step = min(_LONGEST_STEP_MM, 1.0 / deflection, 0.2 * energy_kev / stopping)
+        step = min(_MAX_STEP_MM, 1.0 / deflection, 0.2 * energy_kev / stopping)
         loss = step * stopping
         x += 0.5 * step * u
         y += 0.5 * step * v

@@ -19,7 +19,7 @@ from radron.sim.radiation.truth import CameraTruth
 
 IntArray = NDArray[np.int64]
 
-ANY = -1  # symmetry: from all directions
+FROM_ALL_DIRECTIONS = -1  # symmetry: from all directions
 
 
 class Picked(NamedTuple):
@@ -40,7 +40,7 @@ class Origins(NamedTuple):
     """The O possible origins of photons in one time slice: sources, scattered photons of each nuclide, background and ground.
 
     cumulative: (O,) cumulated rates. bins: (O,) direction bins of the stored events. nuclide: (O,) index of the set of events.
-    symmetries: (O,) symmetry of the sensor applied to an event; ``ANY``: a random one for each event. excess: (sources, lines)
+    symmetries: (O,) symmetry of the sensor applied to an event; ``FROM_ALL_DIRECTIONS``: a random one for each event. excess:
     optical depth of air and concrete for each gamma line, minus the optical depth of the most penetrating line.
     """
 
@@ -172,7 +172,7 @@ def _pick(
             continue
         chosen = start[place, kind] + int(u[n, 2] * count[place, kind])
         keep = np.exp(-excess[origin[n], line[chosen]]) if origin[n] < len(excess) else 1.0
-        symmetry[size] = symmetries[origin[n]] if symmetries[origin[n]] != ANY else int(8.0 * u[n, 4])
+        symmetry[size] = symmetries[origin[n]] if symmetries[origin[n]] != FROM_ALL_DIRECTIONS else int(8.0 * u[n, 4])
         if keep < 1.0 and u[n, 4] >= keep:
             continue
         event[size] = chosen

@@ -24,7 +24,7 @@ IntArray = NDArray[np.int64]
 SINGLE, SCATTERED, COMPLETE = range(3)
 KINDS = 3
 _APART_MM = 0.11  # two pixels
-_CLUSTER_KEV = 32.0  # more than any K line: a fluorescence photon's neighbour makes no coincidence
+CLUSTER_KEV = 32.0  # more than any K line: a fluorescence photon's neighbour makes no coincidence
 _ROOM = 60  # pixels per event, on average over a run: twice what 1.4 MeV needs
 
 
@@ -55,7 +55,7 @@ def _kind(sites: FloatArray, count: int, energy_kev: float) -> int:
         total += sites[k, 3]
         for m in range(k):
             distance = np.hypot(sites[k, 0] - sites[m, 0], sites[k, 1] - sites[m, 1])
-            if distance > _APART_MM and min(sites[k, 3], sites[m, 3]) > _CLUSTER_KEV:
+            if distance > _APART_MM and min(sites[k, 3], sites[m, 3]) > CLUSTER_KEV:
                 apart = True
     if not apart:
         return 0

@@ -19,9 +19,9 @@ CDTE_DENSITY_GCM3 = 5.85
 AIR_DENSITY_GCM3 = 1.205e-3
 ELEMENTS = (48, 52)  # Cd, Te
 
-_XRAYLIB_LIMIT_KEV = 799.0
-_CONTINUED_FROM_KEV = 500.0
-_AIR = ((7, 0.7552), (8, 0.2314), (18, 0.0134))  # mass fractions of N, O, Ar
+XRAYLIB_LIMIT_KEV = 799.0
+CONTINUED_FROM_KEV = 500.0
+AIR = ((7, 0.7552), (8, 0.2314), (18, 0.0134))  # mass fractions of N, O, Ar
 _K_LINES = ("KL3_LINE", "KL2_LINE", "KM3_LINE", "KM2_LINE", "KN3_LINE", "KN2_LINE")
 _SHELLS = 30
 
@@ -70,9 +70,9 @@ def _klein_nishina_total(energy_kev: float) -> float:
 
 def _cross_sections(element: int, energy_kev: float) -> tuple[float, float, float]:
     """Photoelectric, incoherent, coherent mass attenuation in cm2/g."""
-    if energy_kev <= _XRAYLIB_LIMIT_KEV:
+    if energy_kev <= XRAYLIB_LIMIT_KEV:
         return xraylib.CS_Photo(element, energy_kev), xraylib.CS_Compt(element, energy_kev), xraylib.CS_Rayl(element, energy_kev)
-    top, low = _XRAYLIB_LIMIT_KEV, _CONTINUED_FROM_KEV
+    top, low = XRAYLIB_LIMIT_KEV, CONTINUED_FROM_KEV
     photo, incoherent, coherent = _cross_sections(element, top)
     slope = np.log(photo / xraylib.CS_Photo(element, low)) / np.log(top / low)
     return (
@@ -84,7 +84,7 @@ def _cross_sections(element: int, energy_kev: float) -> tuple[float, float, floa
 
 def air_attenuation_per_m(energy_kev: float) -> float:
     """Return the linear attenuation coefficient of dry air at 20 C and 1 atm for gamma rays, per metre."""
-    return 100.0 * AIR_DENSITY_GCM3 * sum(share * sum(_cross_sections(element, energy_kev)) for element, share in _AIR)
+    return 100.0 * AIR_DENSITY_GCM3 * sum(share * sum(_cross_sections(element, energy_kev)) for element, share in AIR)
 
 
 def _momentum_quantiles(element: int, shell: int, count: int) -> FloatArray:

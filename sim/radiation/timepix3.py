@@ -19,11 +19,11 @@ FloatArray = NDArray[np.float64]
 # far finer than the pixel's noise, and a bank of some 20 million pixels is smaller by a quarter than with floats.
 PIXEL = np.dtype([("column", np.uint8), ("row", np.uint8), ("tick", np.int16), ("energy", np.uint16)])
 ENERGY_STEP_KEV = 1.0 / 64.0
-_LARGEST_ENERGY = 65_535  # 1,024 keV, beyond the largest ToT
+_MAX_ENERGY = 65_535  # 1,024 keV, beyond the largest ToT
 MAX_PIXELS = 2000
 _PITCH = PIXEL_PITCH_MM
 _HALF_Z = 0.5 * SENSOR_THICKNESS_MM
-_SMALLEST_SIGMA_MM = 0.004  # the cloud's own size
+_MIN_SIGMA_MM = 0.004  # the cloud's own size
 # Spread over 3 x 3 pixels: beyond them lies, at worst, 2.5 % of a charge that starts at a pixel's edge; the outer pixels get it.
 _LATENCY_NS = 10.0  # keeps every tick at or after the photon, jitter included
 
@@ -72,7 +72,7 @@ def scratch() -> Scratch:
 def _share(x: float, y: float, z: float, energy: float, camera: Response, work: Scratch, count: int) -> int:
     """Spread a charge that starts at (x, y, z) mm over the 3 x 3 pixels under it; returns the number of touched pixels."""
     depth = (z + _HALF_Z) / (2.0 * _HALF_Z)  # share of the full drift
-    sigma = math.sqrt(_SMALLEST_SIGMA_MM * _SMALLEST_SIGMA_MM + camera.diffusion_mm * camera.diffusion_mm * depth)
+    sigma = math.sqrt(_MIN_SIGMA_MM * _MIN_SIGMA_MM + camera.diffusion_mm * camera.diffusion_mm * depth)
     scale = 1.0 / (math.sqrt(2.0) * sigma)
     column = min(SENSOR_PIXELS - 1, max(0, math.floor(x / _PITCH) + SENSOR_PIXELS // 2))
     row = min(SENSOR_PIXELS - 1, max(0, math.floor(y / _PITCH) + SENSOR_PIXELS // 2))
@@ -146,6 +146,6 @@ def respond(
             pixels[end]["column"] = c
             pixels[end]["row"] = r
             pixels[end]["tick"] = max(0, math.floor(tick))
-            pixels[end]["energy"] = min(_LARGEST_ENERGY, int(energy / ENERGY_STEP_KEV + 0.5))
+            pixels[end]["energy"] = min(_MAX_ENERGY, int(energy / ENERGY_STEP_KEV + 0.5))
             end += 1
     return end

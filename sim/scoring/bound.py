@@ -43,7 +43,7 @@ from radron.sim.world.localization import LocalizationTruth
 from radron.sim.world.source import STRETCH_S, TURN_RPS
 from radron.sim.world.sourcetruth import SourceTruth
 
-STEP_S = 1.0
+BOUND_STEP_S = 1.0
 LOG_ACTIVITY_SIGMA = 3.0  # prior of ln activity: a factor of 20 up or down
 _SOURCE = 5  # dimensions of the state before the vehicles' errors
 
@@ -113,8 +113,8 @@ def bound_of(
         position_m: (T, N, 3) of the vehicles.
         source_m: (T, 3) of the source.
     """
-    sample_s = float(time_s[1] - time_s[0]) if len(time_s) > 1 else STEP_S
-    block = max(1, round(STEP_S / sample_s))
+    sample_s = float(time_s[1] - time_s[0]) if len(time_s) > 1 else BOUND_STEP_S
+    block = max(1, round(BOUND_STEP_S / sample_s))
     steps = len(time_s) // block
     used = slice(0, steps * block)
     counting = camera_of(camera, source.nuclide, minimum_pixels)

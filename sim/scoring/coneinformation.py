@@ -24,17 +24,17 @@ import numpy as np
 import xraylib
 
 from radron.sim.geometry import Array
+from radron.sim.radiation.events import CLUSTER_KEV
 from radron.sim.radiation.materials import CDTE_DENSITY_GCM3, ELECTRON_MASS_KEV, ELEMENTS
 from radron.sim.radiation.transport import HALF_SIZE_MM
 
 SHARES = (0.77, 0.23)  # weights s_j of the two Gaussians; below, their widths c_j in units of a reading's sigma
 WIDTHS = (0.9, 2.8)
 _TRUST = (0.08, 0.84)  # probability of an order from its share w of the weights: the raw share is overconfident
-_LARGEST_RAD, _LEAST_RAD = 0.35, 0.02  # sigma is cut off, and has a floor
+_MAX_RAD, _MIN_RAD = 0.35, 0.02  # sigma is cut off, and has a floor
 _LATERAL_MM, _DEPTH_MM = 0.04, 0.075  # of a cluster's place
 _DOPPLER_KEV, _EDGE_KEV2 = 6.0, 64.0
 _SEPARATION_MM = 0.2  # nearer clusters are one
-_CLUSTER_KEV = 32.0  # a smaller cluster is a fluorescence photon's
 _XRAYLIB_KEV = 799.0  # its tables end
 _CANDIDATES = 4000
 _ANGLES = 720
@@ -90,7 +90,7 @@ def _coincidences(line_kev: float, count: int) -> tuple[Array, Array, Array]:
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     separation_mm = -np.log(rng.uniform(size=_CANDIDATES)) / total
     inside = np.all(np.abs(place + separation_mm[:, None] * direction) < HALF_SIZE_MM, axis=1)
-    seen = inside & (separation_mm > _SEPARATION_MM) & (line_kev - photon_kev > _CLUSTER_KEV)
+    seen = inside & (separation_mm > _SEPARATION_MM) & (line_kev - photon_kev > CLUSTER_KEV)
     weight = np.where(seen, scatter * photo / total, 0.0)
     chosen = rng.choice(_CANDIDATES, count, p=weight / weight.sum())
     return (line_kev - photon_kev)[chosen], separation_mm[chosen], direction[chosen, 2]
@@ -112,7 +112,7 @@ def _readings(line_kev: float, electron_kev: Array, separation_mm: Array, depth:
     variance = variances[0] * variances[1] / (variances[0] + variances[1])
     blur = (variance + _DOPPLER_KEV**2) * (ELECTRON_MASS_KEV / (photon_kev**2 * sine)) ** 2
     tilt = (2.0 * _DEPTH_MM**2 * (1.0 - depth**2) + 2.0 * _LATERAL_MM**2) / separation_mm**2
-    sigma = np.sqrt(np.minimum(blur + tilt, _LARGEST_RAD**2) + _LEAST_RAD**2)
+    sigma = np.sqrt(np.minimum(blur + tilt, _MAX_RAD**2) + _MIN_RAD**2)
     s = np.minimum(electron_kev, edge) / line_kev
     q = s / (1.0 - s)
     recoil = 2.0 + (q / alpha) ** 2 + q * (s - 2.0 / alpha)

@@ -7,7 +7,7 @@ from math import sqrt
 
 from radron.protocol.messages import Plan, Pose, Stage
 
-_OLDEST_NS = 1_000_000_000  # age limit of a plan in use
+_MAX_PLAN_AGE_NS = 1_000_000_000  # age limit of a plan in use
 PHASES: Mapping[Stage, str] = {Stage.SURVEY: "search", Stage.TRACK: "circle", Stage.REACQUIRE: "circle"}
 
 
@@ -28,7 +28,7 @@ class Following:
     def pose(self, pose: Pose, stage: Stage) -> None:
         """Record a published pose, and its distance from the drone's plan. ``stage``: mission stage of the drone."""
         plan, phase = self._plans.get(pose.drone), PHASES.get(stage)
-        if plan is None or phase is None or plan.epoch != pose.epoch or abs(pose.stamp_ns - plan.stamp_ns) > _OLDEST_NS:
+        if plan is None or phase is None or plan.epoch != pose.epoch or abs(pose.stamp_ns - plan.stamp_ns) > _MAX_PLAN_AGE_NS:
             return
         place = (pose.stamp_ns - plan.stamp_ns) / plan.step_ns
         index = min(max(int(place), 0), len(plan.positions_m) - 2)

@@ -14,7 +14,7 @@ from radron.sim.geometry import Array, Vector3
 from radron.sim.world.movingframes import MovingFrames
 
 RECOVERED_M = 3.0
-RECOVERY_S = 60.0  # longest measured recovery
+MAX_RECOVERY_S = 60.0  # longest measured recovery
 
 
 class Placed(Protocol):
@@ -108,7 +108,7 @@ class FrameScore:
         if time_s < self._event_s:
             if error_m is not None:
                 self._before_m.append(error_m)
-        elif time_s <= self._event_s + RECOVERY_S:
+        elif time_s <= self._event_s + MAX_RECOVERY_S:
             self._after.append((time_s, inf if error_m is None else error_m))
 
     @property
@@ -130,15 +130,15 @@ class FrameScore:
     def recovery_s(self) -> float | None:
         """Time from a jump of a local frame until the error of the source estimate was last above a limit, seconds.
 
-        The limit is 3 m, or twice the median before the jump if that is more. ``RECOVERY_S`` if the error is above it at the end.
-        """
+        The limit is 3 m, or twice the median before the jump if that is more. ``MAX_RECOVERY_S`` if the error is above it at the
+        end."""
         if self._event_s is None or not self._before_m or not self._after:
             return None
         limit_m = max(RECOVERED_M, 2.0 * float(np.median(self._before_m)))
         above_s = [time_s for time_s, error_m in self._after if error_m > limit_m]
         if not above_s:
             return 0.0
-        return RECOVERY_S if above_s[-1] == self._after[-1][0] else above_s[-1] - self._event_s
+        return MAX_RECOVERY_S if above_s[-1] == self._after[-1][0] else above_s[-1] - self._event_s
 
 
 def _applied(transform: Placed, point: Vector3) -> Array:

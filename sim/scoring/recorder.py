@@ -20,7 +20,8 @@ from radron.sim.scoring.believers import Agent, Believer, excluded_nuclides_bq, 
 from radron.sim.scoring.bound import Bound, bound_of
 from radron.sim.scoring.framescore import FrameScore
 from radron.sim.scoring.heard import Heard
-from radron.sim.scoring.safety import OFF_GROUND_M, Safety
+from radron.sim.scoring.moment import OFF_GROUND_M
+from radron.sim.scoring.safety import Safety
 from radron.sim.scoring.samples import Row
 from radron.sim.scoring.score import Score, error_m, own_error_m
 from radron.sim.scoring.sourcescore import SourceScore, score_sources
@@ -29,7 +30,7 @@ from radron.sim.world.sources import Source
 from radron.sim.world.terrain import Terrain
 
 SAMPLE_TICKS = 4  # 5 Hz
-LONGEST_START_S = 120.0  # without a search: the drones do not start at all
+MAX_START_S = 120.0  # without a search: the drones do not start at all
 LOST_NO_CONE_S = 20.0
 NOT_SCORED = SourceScore()
 
@@ -186,7 +187,7 @@ class Recorder:
         if all(stage is Stage.LANDED for stage in stages):
             return True
         if self._search_began_s is None:
-            return time_s > LONGEST_START_S
+            return time_s > MAX_START_S
         if time_s - self._search_began_s > end.longest_s(self._mission):
             return True
         if stages[self._first] in CIRCLING and end.lost == "no-cone":

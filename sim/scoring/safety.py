@@ -12,8 +12,7 @@ from radron.agent.config.mission import AreaConfig
 from radron.protocol.messages import Stage
 from radron.protocol.stages import SEARCHING
 from radron.sim.geometry import Array
-
-OFF_GROUND_M = 0.5
+from radron.sim.scoring.moment import OFF_GROUND_M
 
 
 class Safety:

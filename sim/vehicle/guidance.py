@@ -20,7 +20,7 @@ ACCELERATION_MPS2, JERK_MPS3, LATE_S = 3.0, 4.0, 0.6
 BACK_PS = 0.4
 APPROACH_S = 0.3  # time constant to the wanted speed
 SLOWING_M = (7.0, 3.5)  # heights between which a landing slows down, as recorded
-CONE_M, CONE_DEG, LOWEST_RETURN_M = 10.0, 45.0, 2.0  # a return that begins near home (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
+RETURN_CONE_M, RETURN_CONE_DEG, MIN_RETURN_M = 10.0, 45.0, 2.0  # a return that begins near home (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
 class Reframing(NamedTuple):
@@ -67,7 +67,9 @@ def fastest_mps(distance_m: float) -> float:
     return sqrt(ramp_mps**2 + 2.0 * ACCELERATION_MPS2 * distance_m) - ramp_mps
 
 
-def return_height_m(highest_m: float, distance_m: float, *, within_m: float = CONE_M, angle_deg: float = CONE_DEG) -> float:
+def return_height_m(
+    highest_m: float, distance_m: float, *, within_m: float = RETURN_CONE_M, angle_deg: float = RETURN_CONE_DEG
+) -> float:
     """Return the height above home at which a PX4 returns from this distance, metres.
 
     Nearer than ``within_m`` (RTL_MIN_DIST) the height is limited by a cone about home (``angle_deg``: RTL_CONE_ANG, its
@@ -75,7 +77,7 @@ def return_height_m(highest_m: float, distance_m: float, *, within_m: float = CO
     """
     if distance_m >= within_m:
         return highest_m
-    return min(highest_m, max(LOWEST_RETURN_M, distance_m / tan(radians(angle_deg))))
+    return min(highest_m, max(MIN_RETURN_M, distance_m / tan(radians(angle_deg))))
 
 
 def descent_mps(height_m: float, fastest_mps: float, landing_mps: float) -> float:

@@ -12,12 +12,12 @@ from radron.agent.config.section import Degrees
 from radron.agent.errors import ConfigError
 from radron.sim.radiation.nuclides import NUCLIDES
 
-LONGEST_S = 36_000.0
-Duration = Annotated[float, Meta(gt=0.0, le=LONGEST_S)]
+MAX_COURSE_S = 36_000.0
+Duration = Annotated[float, Meta(gt=0.0, le=MAX_COURSE_S)]
 Activity = Annotated[float, Meta(gt=0.0, le=1e13)]
 SourceHeight = Annotated[float, Meta(ge=0.0, le=100.0)]
 EDGE_M = 3.0  # a wandering source turns back at this distance from the edge of the area
-_LEAST_SHARE = 1e-3  # least share of its bounding box that an area fills; below it, drawing a position in it takes too long
+_MIN_AREA_SHARE = 1e-3  # least share of its bounding box that an area fills; below it, drawing a position in it takes too long
 
 
 class _Section(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -119,5 +119,5 @@ def _check_nuclides(nuclides: tuple[str, ...], where: str) -> None:
 
 
 def _check_room(area: Polygon, where: str, instead: str) -> None:
-    if area.area < _LEAST_SHARE * area.envelope.area:
+    if area.area < _MIN_AREA_SHARE * area.envelope.area:
         raise ConfigError(f"{where}: mission.area.polygon_m is too thin to draw a place in it; give {instead}")

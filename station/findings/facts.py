@@ -22,12 +22,11 @@ from radron.station.hub import Hub
 from radron.station.picture.frame import Frame, SearchFrame, SourceFrame
 from radron.station.picture.orders import Heard, Orders
 from radron.station.picture.picture import Picture
-from radron.station.replay import Records, play
+from radron.station.replay import SLICE_S, Records, play
 
 BY_DRONES = "the drones that obeyed name who signed it"
 UNHEARD = "this station has not heard that it was obeyed"
 T = TypeVar("T")
-_SLICE_S = 0.02  # of work, before pages are served
 
 
 class FindingsError(RadronError):
@@ -206,7 +205,7 @@ async def _sliced(work: Iterable[T]) -> AsyncIterator[T]:
     began_s = monotonic()
     for each in work:
         yield each
-        if monotonic() - began_s > _SLICE_S:
+        if monotonic() - began_s > SLICE_S:
             await asyncio.sleep(0.0)
             began_s = monotonic()
 

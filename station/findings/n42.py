@@ -19,7 +19,7 @@ from radron.protocol.spectrum import BINS, EDGES_KEV
 from radron.station.findings.facts import Findings
 from radron.station.findings.tables import utc
 
-WINDOW_NS = 10_000_000_000
+MEASUREMENT_NS = 10_000_000_000
 _MODEL = "Compton camera swarm"  # the schema has words and blanks only, and one run of other signs
 _NAMESPACE = "http://physics.nist.gov/N42/2011/N42"
 
@@ -59,7 +59,7 @@ def _windows(findings: Findings) -> dict[tuple[str, int], list[int]]:
     """Indices of the exposures by drone and ten seconds."""
     found: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
     for index, exposure in enumerate(findings.exposures):
-        found[exposure.drone, exposure.stamp_ns // WINDOW_NS].append(index)
+        found[exposure.drone, exposure.stamp_ns // MEASUREMENT_NS].append(index)
     return found
 
 

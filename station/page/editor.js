@@ -8,7 +8,7 @@ const LAUNCHES = "drones";
 const FENCE = "area.fence_margin_m";
 const CHECK_MS = 300;  // after the last change
 const ON_GROUND = ["preflight", "landed", ""];
-const MOST_ANSWERS = 40;
+const MAX_OPEN_ANSWERS = 40;
 
 function button(text, id, look = "") {
   return Object.assign(element("button", text, look), { type: "button", id });
@@ -275,7 +275,7 @@ export class Editor {
   // What the drones have answered.
   hear(event) {
     if (event.text !== "upload") return;
-    this.answers = [...this.answers, event].slice(-MOST_ANSWERS);
+    this.answers = [...this.answers, event].slice(-MAX_OPEN_ANSWERS);
     if (!this.box.hidden) this.#showAnswers();
   }
 

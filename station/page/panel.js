@@ -3,7 +3,7 @@
 import { spectrumOf } from "./charts.js";
 import { becquerel, clock, colour, element, say, significant } from "./texts.js";
 
-const MOST_EVENTS = 200;
+const MAX_EVENTS = 200;
 
 export function showSource(frame) {
   const box = document.getElementById("source");
@@ -115,7 +115,7 @@ function droneItem(drone, index, far) {
 export const eventText = (event) => say(`event ${event.text}`, event.values);
 
 export function showEvents(events) {
-  const items = events.slice(-MOST_EVENTS).map((event) => {
+  const items = events.slice(-MAX_EVENTS).map((event) => {
     const item = element("li", "", event.level);
     const time = element("time", clock(event.at_ms));
     time.dateTime = new Date(event.at_ms).toISOString();

@@ -16,8 +16,8 @@ FRAME_MS = 1000  # interval of the frames kept
 RASTER_MS = 2000
 LAYERS = ("belief", "dose", "spectra")
 CONES_MS = 6000  # a cone is drawn for this time
-MOST_CONES = 150  # drawn at a time
-MOST_EVENTS = 2000
+MAX_DRAWN_CONES = 150  # drawn at a time
+MAX_EVENTS = 2000
 _BLOCK_MS = 1000  # duration of a block of cones, packed together
 _encode = msgspec.json.Encoder().encode
 
@@ -97,7 +97,7 @@ class History:
     def add_event(self, event: Event) -> None:
         """Store an event of the timeline."""
         self.events.append(event)
-        del self.events[:-MOST_EVENTS]
+        del self.events[:-MAX_EVENTS]
 
     def frames(self) -> Iterator[Frame]:
         """All stored states of the swarm, in the order of their times."""
@@ -122,8 +122,8 @@ class History:
     def cones(self, after_ms: int, until_ms: int) -> list[Raw]:
         """Return the Compton cones received later than ``after_ms`` and not later than ``until_ms``, each as JSON.
 
-        At most the newest ``MOST_CONES`` are returned.
+        At most the newest ``MAX_DRAWN_CONES`` are returned.
         """
         packed = self._cones.between(after_ms, until_ms + _BLOCK_MS)
         blocks = [*(msgspec.json.decode(data, type=list[tuple[int, Raw]]) for data in packed), self._block]
-        return [cone for block in blocks for came_ms, cone in block if after_ms < came_ms <= until_ms][-MOST_CONES:]
+        return [cone for block in blocks for came_ms, cone in block if after_ms < came_ms <= until_ms][-MAX_DRAWN_CONES:]

@@ -14,7 +14,7 @@ from radron.protocol.messages import Estimate, Frame, Plan, Pose, Status
 from radron.protocol.spectrum import BINS
 from radron.station.picture.frame import DroneFrame, DroneSpectrum, Point
 
-STALE_S = 1.5  # a drone is drawn as stale after this time without any message; poses come ten times a second
+SILENT_AFTER_S = 1.5  # a drone is drawn as stale after this time without any message; poses come ten times a second
 RATES_S = 3.0  # averaging time of count rates
 SPECTRUM_S = 30.0  # summing time of spectra
 ESTIMATE_S = 2.0  # older estimates of a drone are not compared any more
@@ -70,8 +70,8 @@ class Member:
             self._spectra.popleft()
 
     def is_stale(self, now_ns: int) -> bool:
-        """Return whether no message has come for ``STALE_S`` seconds, or the drone's program has ended."""
-        return not self.alive or now_ns - self.seen_ns > STALE_S * 1e9
+        """Return whether no message has come for ``SILENT_AFTER_S`` seconds, or the drone's program has ended."""
+        return not self.alive or now_ns - self.seen_ns > SILENT_AFTER_S * 1e9
 
     def transform(self, epoch: int, known: Transform | None) -> Transform | None:
         """Return the transform from the drone's local frame of this ``epoch`` to the mission frame; None if unknown.

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from radron.station.picture.frame import SourceFrame
 
 KNOWN_MS = 15_000  # a freed number is not reused for this time: receivers still show its last source
-APART_M, APART_SIGMAS = 5.0, 3.0  # of the same source in two estimates, at most: the greater of both counts
+SAME_SOURCE_M, SAME_SOURCE_SIGMAS = 5.0, 3.0  # of the same source in two estimates, at most: the greater of both counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Numbering:
             (one.source.nuclide != source.nuclide, dist(one.source.place, source.place), place, number)
             for place, source in enumerate(sources)
             for number, one in self._known.items()
-            if dist(one.source.place, source.place) <= max(APART_M, APART_SIGMAS * (one.source.rms_m + source.rms_m))
+            if dist(one.source.place, source.place) <= max(SAME_SOURCE_M, SAME_SOURCE_SIGMAS * (one.source.rms_m + source.rms_m))
         )
         places: dict[int, int] = {}
         for _, _, place, number in pairs:

@@ -19,12 +19,12 @@ from radron.protocol.signing import Member, Verifier
 OBEYED, UNSURE, TAKEN = "obeyed", "obeyed, or overtaken by another order", "taken over"
 OVERTAKEN = "overtaken by another order"
 ANOTHER = "another station"
-LATE_NS = 5_000_000_000  # largest delay of an order after the status of a drone that has carried it out
+MAX_REPORT_DELAY_NS = 5_000_000_000  # largest delay of an order after the status of a drone that has carried it out
 GATHER_NS = 1_500_000_000  # within this time all drones that have obeyed an order report it
 OPEN_NS = 30_000_000_000  # this long after its last copy an order is obeyed no more: its nonces have lapsed
-MOST_ORDERS = 1000
-MOST_REFUSED = 100
-MOST_TOLD = 100  # reported by one drone alone, whether true or not
+MAX_ORDERS = 1000
+MAX_REFUSED_ORDERS = 100
+MAX_OBEYED_OF_DRONE = 100  # reported by one drone alone, whether true or not
 
 Key = tuple[object, ...]
 
@@ -95,7 +95,7 @@ class Orders:
         key = (order.station, refused) if refused else (order.station, order.stamp_ns, _name(order))
         known = self._heard.get(key)
         if known is None:
-            if refused and self._refused >= MOST_REFUSED:
+            if refused and self._refused >= MAX_REFUSED_ORDERS:
                 return
             self._refused += refused is not None
             known = Heard(now_ns, now_ns, order.station, "", None, refused or "")
@@ -154,7 +154,7 @@ class Orders:
         key = (obeyed.station, obeyed.stamp_ns, obeyed.order)
         known = self._heard.get(key)
         if known is None:
-            if self._told[drone] >= MOST_TOLD:
+            if self._told[drone] >= MAX_OBEYED_OF_DRONE:
                 return None
             self._told[drone] += 1
             at_ns = min(now_ns, obeyed.stamp_ns) if is_first else now_ns
@@ -178,10 +178,10 @@ class Orders:
     def _tell_unheard(self, drone: str, now_ns: int) -> None:
         """Note an order of another station known from its effect alone."""
         number, since_ns, stage = self._unheard.get(drone, (0, now_ns, ""))
-        if now_ns - since_ns < LATE_NS:
+        if now_ns - since_ns < MAX_REPORT_DELAY_NS:
             return
         del self._unheard[drone]
-        if self._told[drone] < MOST_TOLD:
+        if self._told[drone] < MAX_OBEYED_OF_DRONE:
             self._told[drone] += 1
             action, results = f"an order, then {stage}", {drone: OBEYED}
             known = Heard(since_ns, since_ns, ANOTHER, action, None, "", {drone: number}, results, 1)
@@ -196,10 +196,10 @@ class Orders:
         ]
 
     def _add(self, key: Key, known: Heard) -> None:
-        """Add a new order; above ``MOST_ORDERS`` the oldest is forgotten."""
+        """Add a new order; above ``MAX_ORDERS`` the oldest is forgotten."""
         self._heard[key] = known
         self._news += [known] if known.station != self.own else []
-        for old in list(self._heard)[: len(self._heard) - MOST_ORDERS]:
+        for old in list(self._heard)[: len(self._heard) - MAX_ORDERS]:
             gone = self._heard.pop(old)
             self._refused -= bool(gone.refused)
             self._uploads = {stamp: one for stamp, one in self._uploads.items() if one is not gone}

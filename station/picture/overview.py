@@ -8,7 +8,7 @@ from bisect import bisect_right
 
 from radron.station.picture.frame import Frame, Point
 
-MOST_ROWS = 600  # of a flight: more than a chart has columns
+MAX_OVERVIEW_ROWS = 600  # of a flight: more than a chart has columns
 TRAIL_MS = 60_000
 
 Row = list[int | list[float | None] | None]
@@ -47,9 +47,9 @@ class Overview:
         return row
 
     def rows(self) -> list[Row]:
-        """Return the whole flight in about ``MOST_ROWS`` rows, with the newest row last."""
+        """Return the whole flight in about ``MAX_OVERVIEW_ROWS`` rows, with the newest row last."""
         last = len(self) - 1
-        step = max(1, -(-last // MOST_ROWS))
+        step = max(1, -(-last // MAX_OVERVIEW_ROWS))
         return [self.row(place) for place in (*range(0, last, step), last) if place >= 0]
 
     def trails(self, at_ms: int) -> list[list[Point]]:

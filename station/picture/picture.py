@@ -48,7 +48,7 @@ from radron.station.picture.rasters import Rasters
 from radron.station.picture.swarmlog import SwarmLog
 
 NINETY = math.sqrt(4.605170185988092)  # radius of the region of 90 %, in sigmas: the 0.9 quantile of chi squared with 2 degrees
-MOST_CURVES = 200  # waiting for the page
+MAX_CURVES = 200  # waiting for the page
 _CLOCKS_NS = 1_000_000_000
 
 
@@ -84,7 +84,7 @@ class Picture:
         self._rasters = Rasters(mission)
         self._events = Events(list(self.members))
         self._numbering = Numbering()
-        self._cones: deque[Cone] = deque(maxlen=MOST_CURVES)
+        self._cones: deque[Cone] = deque(maxlen=MAX_CURVES)
         self._digests: deque[str] = deque(maxlen=64)  # the log's newest digests
         self._clocks_s: dict[str, float | None] = {}  # clock offsets, by drone: positive if ahead of the others
         self._clocks_ns = 0  # time of the offsets

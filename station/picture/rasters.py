@@ -20,7 +20,7 @@ SEARCH_CELLS = 64  # of the dose rate while thousands of places are possible
 _NEAR_SIGMAS = 5.0
 _PLAIN = 4.0  # times a uniform density: the full colour
 DECADE = 32.0  # bytes for a factor of ten of the dose rate
-LEAST_USVPH = 1e-3
+MIN_USVPH = 1e-3
 
 
 class Rasters:
@@ -65,7 +65,7 @@ class Rasters:
         rates = expected_usvph(told or self._nuclide, posterior.position, strength, places)
         if rates is None:
             return None
-        values = DECADE * np.log10(np.maximum(rates / LEAST_USVPH, 1.0))
+        values = DECADE * np.log10(np.maximum(rates / MIN_USVPH, 1.0))
         return _raster("dose", at_ms, self._low, cell_m, columns, values, float(rates.max()))
 
 

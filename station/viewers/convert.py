@@ -28,7 +28,7 @@ from radron.protocol import messages
 from radron.protocol.entries import Exposure
 from radron.protocol.spectrum import BINS, EDGES_KEV
 from radron.station.picture.frame import DroneFrame, Raster, SourceFrame
-from radron.station.picture.rasters import DECADE, LEAST_USVPH
+from radron.station.picture.rasters import DECADE, MIN_USVPH
 from radron.station.viewers.scene import moment
 from radron.station.viewers.topics import BODY, LOCAL, MISSION, CountsTable, DroneTable, SourceTable, SpectrumTable
 
@@ -93,7 +93,7 @@ def grid(layer: Raster, height_m: float) -> Grid:
     if layer.kind == "belief":
         name, values = "density_pm2", steps * layer.scale / 255.0
     else:
-        name, values = "dose_usvph", np.where(steps > 0.0, LEAST_USVPH * 10.0 ** (steps / DECADE), 0.0)
+        name, values = "dose_usvph", np.where(steps > 0.0, MIN_USVPH * 10.0 ** (steps / DECADE), 0.0)
     return Grid(
         timestamp=moment(layer.at_ms * 1_000_000),
         frame_id=MISSION,

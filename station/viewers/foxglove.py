@@ -33,11 +33,11 @@ from radron.station.viewers.convert import (
 from radron.station.viewers.onearth import OnEarth
 from radron.station.viewers.scene import Scene, moment
 
-SLOW_NS = 1_000_000_000  # interval of everything but poses and plans
+SLOW_PERIOD_NS = 1_000_000_000  # interval of everything but poses and plans
 AREA_NS = 2_000_000_000  # area and fence are repeated for later connections
 SPECTRUM_NS = 10_000_000_000  # over which a spectrum is summed
 TRAIL_POINTS = 60  # seconds
-MOST_WAITING = 4096  # exposures between two calls
+MAX_WAITING_EXPOSURES = 4096  # exposures between two calls
 _LAYERS = {"belief": topics.POSTERIOR, "dose": topics.DOSE}
 _TEXTS: dict[str, str] = json.loads((Path(__file__).parent.parent / "page" / "texts.en.json").read_text(encoding="utf-8"))
 _encode_table = msgspec.json.Encoder().encode
@@ -81,7 +81,7 @@ class Foxglove:
         self._plans: dict[str, int] = {}
         self._trails: defaultdict[str, deque[Vector3]] = defaultdict(lambda: deque(maxlen=TRAIL_POINTS))
         self._cones: deque[ConeCurve] = deque()
-        self._waiting: deque[Exposure] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[Exposure] = deque(maxlen=MAX_WAITING_EXPOSURES)
         self._spectra: defaultdict[str, deque[Exposure]] = defaultdict(deque)
         self._slow_ns = self._area_ns = 0
         picture.on_entry.append(self._hear)
@@ -108,7 +108,7 @@ class Foxglove:
         if now_ns - self._area_ns >= AREA_NS:
             self._area_ns = now_ns
             yield Message(topics.AREA, now_ns, partial(self._scene.area, self._about, now_ns))
-        if now_ns - self._slow_ns >= SLOW_NS:
+        if now_ns - self._slow_ns >= SLOW_PERIOD_NS:
             self._slow_ns = now_ns
             yield from self._seconds(frame, now_ns)
 

@@ -22,7 +22,7 @@ from radron.station.viewers.foxglove import Foxglove, Message
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 SITE = "https://app.foxglove.dev"  # origin of Foxglove in a browser
-MOST_WAITING = 4000  # messages for a client that reads too slowly: some seconds of a large swarm
+MAX_WAITING_MESSAGES = 4000  # messages for a client that reads too slowly: some seconds of a large swarm
 _DATA = struct.Struct("<BIQ")  # opcode, subscription, time (ns)
 _OPCODE = 1
 _encode = msgspec.json.Encoder().encode
@@ -63,7 +63,7 @@ class Client:
     def __init__(self) -> None:
         self.subscribed: dict[int, int] = {}
         self.gone = False
-        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING)
+        self._waiting: asyncio.Queue[bytes] = asyncio.Queue(MAX_WAITING_MESSAGES)
 
     def send(self, data: bytes) -> None:
         """Queue a message to the client; a client too far behind is disconnected instead."""

@@ -26,8 +26,8 @@ for _part in ("classes", "client_functions"):
 
 SCHEMES = ("udp", "tcp", "tls")
 DRONES_MS, SOURCE_MS = 1000, 5000  # intervals
-MOST_WAITING = 400  # events for a link that is too slow or lost: the oldest are dropped
-RETRY_S = 5.0
+MAX_WAITING_EVENTS = 400  # events for a link that is too slow or lost: the oldest are dropped
+RECONNECT_S = 5.0
 SETTINGS = "PYTAK_"  # prefix of the environment variables with certificates and keys
 NEEDED = ("PYTAK_TLS_CLIENT_CERT", "PYTAK_TLS_CLIENT_KEY")  # for TLS
 
@@ -49,7 +49,7 @@ class Tak:
             raise TakError("--tak: the mission has no [datum], so nobody knows where its places are on Earth")
         self._cot = CursorOnTarget(picture.mission.datum, picture.about(replay=False))
         self._url, self._target, self._tell = url, _checked(url), tell
-        self._queue: asyncio.Queue[bytes] = asyncio.Queue(MOST_WAITING)
+        self._queue: asyncio.Queue[bytes] = asyncio.Queue(MAX_WAITING_EVENTS)
         self._news: list[tuple[str, bool]] = []  # link changes that wait for the next frame, for its time
         self._trouble = ""  # the last reported reason
         self._drones_ms = self._source_ms = 0
@@ -82,7 +82,7 @@ class Tak:
                 if reason != self._trouble:
                     self._trouble = reason
                     self._news.append((f"TAK {self._url}: {reason}; trying again", True))
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(RECONNECT_S)
 
     async def _keep(self) -> None:
         """Send events over one connection until it is lost; data from a server is read and dropped."""

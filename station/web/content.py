@@ -13,7 +13,7 @@ from radron.agent.errors import RadronError
 from radron.station.hub import Hub
 from radron.station.web.guard import HEADERS, Guard
 
-KEPT = {**HEADERS, "Cache-Control": "private, max-age=3600"}  # by the browser, while the map is moved
+CACHED_HEADERS = {**HEADERS, "Cache-Control": "private, max-age=3600"}  # by the browser, while the map is moved
 NOTHING = '<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'  # in place of a missing tile
 _PLACE = re.compile(r"(\d{1,2})/(\d{1,8})/(\d{1,8})")
 Answer = Callable[[Request], Awaitable[Response]]
@@ -45,7 +45,7 @@ def content(hub: Hub, guard: Guard) -> list[Route]:
         tiles, place = hub.background.tiles, _PLACE.fullmatch(request.path_params["place"])
         found = tiles.tile(*map(int, place.groups())) if tiles is not None and place is not None else None
         image, kind = found or (NOTHING, "image/svg+xml")
-        return Response(image, 200, KEPT, kind)
+        return Response(image, 200, CACHED_HEADERS, kind)
 
     places: dict[str, Answer] = {"/report.zip": report, "/layer.json": layer, "/tiles/{place:path}": tile}
     return [Route(path, guarded(guard, answer)) for path, answer in places.items()]

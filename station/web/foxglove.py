@@ -14,7 +14,7 @@ from radron.station.web.flood import Credit
 from radron.station.web.guard import Guard
 from radron.station.web.talk import talk
 
-MOST_CLIENTS = 8
+MAX_CLIENTS = 8
 
 
 def door(live: LiveFoxglove, guard: Guard) -> WebSocketRoute:
@@ -23,7 +23,7 @@ def door(live: LiveFoxglove, guard: Guard) -> WebSocketRoute:
     async def serve(socket: WebSocket) -> None:
         refusal = guard.refusal(socket.headers, socket.query_params, is_foxglove)
         protocol = next((one for one in PROTOCOLS if one in socket.scope["subprotocols"]), None)
-        if refusal is not None or protocol is None or len(live.clients) >= MOST_CLIENTS:
+        if refusal is not None or protocol is None or len(live.clients) >= MAX_CLIENTS:
             await socket.close(LET_GO)
             return
         await socket.accept(protocol)

@@ -3,7 +3,7 @@
 from one_pilot import AREA, MISSION, SECOND, START_NS, cone_of, pilot
 
 from radron.agent.config.mission import MissionConfig
-from radron.agent.fusion.exchange import MOST_BYTES, MOST_ENTRIES
+from radron.agent.fusion.exchange import MAX_ANSWER_BYTES, MAX_ANSWER_ENTRIES
 from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
 from radron.protocol.summary import encode_summary
@@ -35,11 +35,11 @@ def exchange(asking, asked):
 
 def test_an_empty_log_gets_everything_in_portions_of_the_oldest_and_then_the_same_hypothesis():
     full, empty = pilot("d2"), pilot("d1")
-    give(full, range(MOST_ENTRIES + 200))
+    give(full, range(MAX_ANSWER_ENTRIES + 200))
     replies = full.log_answer(empty.log_summary())
-    assert [payload for _, payload in replies] == [record.payload for record in full.fusion.log][:MOST_ENTRIES]
-    assert sum(len(payload) for _, payload in replies) <= MOST_BYTES
-    assert [exchange(empty, full) for _ in range(3)] == [MOST_ENTRIES, 200, 0]
+    assert [payload for _, payload in replies] == [record.payload for record in full.fusion.log][:MAX_ANSWER_ENTRIES]
+    assert sum(len(payload) for _, payload in replies) <= MAX_ANSWER_BYTES
+    assert [exchange(empty, full) for _ in range(3)] == [MAX_ANSWER_ENTRIES, 200, 0]
     settle(full, empty)
     assert empty.digest == full.digest
     assert empty.hypothesis.position.tobytes() == full.hypothesis.position.tobytes()

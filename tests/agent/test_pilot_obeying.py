@@ -6,14 +6,14 @@ from members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation, 
 from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, fly, partner, state
 
-from radron.agent.fusion.revocations import MOST_REFUSED
+from radron.agent.fusion.revocations import MAX_REFUSED_REVOCATIONS_PS
 from radron.agent.mission.memory import Memory
 from radron.agent.navigation.home import REVOKED_NO_NEARER_S
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.protocol.codec import decode
 from radron.protocol.identity import Role
 from radron.protocol.messages import Action, Pose, Stage
-from radron.protocol.revocations import MOST_HELD, Revoked
+from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Revoked
 from radron.protocol.signing import sign_obeying
 
 
@@ -198,7 +198,7 @@ def test_a_flood_of_words_that_nobody_has_signed_costs_little():
     one = full()
     one.receive(*revocation(), START_NS)
     forged = replace(word(one.revocations[0]), signature=bytes(64))
-    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(forged,) * MOST_HELD)
+    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(), obeying=(forged,) * MAX_HELD_REVOCATIONS)
     for _ in range(100):
         one.receive(*keyed(flood), START_NS)
-    assert one.counters["dropped_obeying_forged"] == MOST_REFUSED
+    assert one.counters["dropped_obeying_forged"] == MAX_REFUSED_REVOCATIONS_PS

@@ -27,7 +27,7 @@ from msgspec.structs import replace
 from one_pilot import MISSION, SECOND, START_NS, fly, messages, partner, state
 
 from radron.agent.config.drone import DroneConfig
-from radron.agent.fusion.revocations import MOST_REFUSED
+from radron.agent.fusion.revocations import MAX_REFUSED_REVOCATIONS_PS
 from radron.agent.mission.commanding import Verdict
 from radron.agent.pilot import Pilot
 from radron.agent.vehicle.interface import FlightMode
@@ -36,7 +36,7 @@ from radron.protocol.entries import Coverage
 from radron.protocol.identity import Role
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Action, Pose, Stage, Status
-from radron.protocol.revocations import MOST_HELD, Revoked
+from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Revoked
 from radron.protocol.signing import sign_entries
 
 ANNA = AUTHORITY.trust("anna", Role.OPERATOR, may_revoke=True)
@@ -350,7 +350,7 @@ def test_the_revoked_drone_itself_says_so_and_does_not_start():
 
 def test_revocations_are_bounded():
     one = full()
-    for number in range(MOST_HELD):
+    for number in range(MAX_HELD_REVOCATIONS):
         assert one.receive(*revocation(member=f"x{number}"), START_NS) == OBEYED
     assert one.receive(*revocation(member="y"), START_NS).refused == "one_too_many"
     ((_, payload),) = passed_on(one)
@@ -359,10 +359,10 @@ def test_revocations_are_bounded():
 
 def test_a_flood_of_forged_revocations_costs_little_and_a_genuine_one_of_that_drone_gets_through_afterwards():
     one, forged = full(), decode(revocation(signature=bytes(64))[1])
-    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MOST_HELD)
+    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MAX_HELD_REVOCATIONS)
     for _ in range(100):
         one.receive(*keyed(flood), START_NS)
-    assert one.counters["dropped_revocation_forged"] == MOST_REFUSED
+    assert one.counters["dropped_revocation_forged"] == MAX_REFUSED_REVOCATIONS_PS
     assert one.counters["dropped_revocation_flood"] > 50
     assert one.receive(*keyed(replace(flood, held=(decode(revocation()[1]),))), START_NS) is None  # by the same drone
     assert one.receive(*keyed(replace(flood, held=(decode(revocation()[1]),))), START_NS + SECOND) == OBEYED
@@ -370,7 +370,7 @@ def test_a_flood_of_forged_revocations_costs_little_and_a_genuine_one_of_that_dr
 
 def test_whoever_sends_forged_revocations_uses_up_nobody_elses_share():
     one, forged = full(), decode(revocation(signature=bytes(64))[1])
-    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MOST_HELD)
+    flood = Revoked(stamp_ns=START_NS, drone="d2", held=(forged,) * MAX_HELD_REVOCATIONS)
     for _ in range(100):
         one.receive(*keyed(flood), START_NS)
     assert one.receive(*revocation(), START_NS) == OBEYED

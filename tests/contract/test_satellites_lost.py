@@ -18,7 +18,7 @@ from radron.protocol.messages import Action, Stage
 
 SECOND = 1_000_000_000
 SET_MODE, LAND = 176, 21
-AUTO, HOLD_SUB, OFFBOARD = 4, 3, 6
+AUTO, OFFBOARD = 4, 6
 
 
 class Flown:

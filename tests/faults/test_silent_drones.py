@@ -14,7 +14,7 @@ from radron.sim.faults.agents import Disk, Kill, Partition
 from radron.sim.faults.machines import Takeover
 from radron.sim.lockstep.flight import fly, watched
 from radron.sim.scenario import load_scenario, override
-from radron.sim.scoring.safety import OFF_GROUND_M
+from radron.sim.scoring.moment import OFF_GROUND_M
 
 LEAST_M = 2.5
 BESIDE_M = 5.0  # a vehicle that returns without its agent, in its layer, may pass over others by more than this

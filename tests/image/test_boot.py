@@ -15,7 +15,7 @@ from machine import Machine, lacking
 from time_teller import telling
 
 from radron.deploy.image.compare import unpack_root
-from radron.deploy.image.layout import LEAST_DISK_BYTES, ROOT_A
+from radron.deploy.image.layout import MIN_DISK_BYTES, ROOT_A
 from radron.protocol.identity import load_identity
 from radron.protocol.mesh.session import Mesh, MeshConfig
 
@@ -92,7 +92,7 @@ def test_a_dead_clock_is_set_by_the_autopilots(image: Path, drone: Drone, machin
 def test_a_disk_without_a_drones_configuration_says_so(image: Path, drone: Drone, machines: list[Machine]) -> None:
     shutil.copyfile(image, drone.disk)
     with drone.disk.open("r+b") as disk:
-        disk.truncate(LEAST_DISK_BYTES)
+        disk.truncate(MIN_DISK_BYTES)
     machines.append(drone.boot())
     machines[-1].wait_for(
         r"radron-provision: there is no drone.toml on the partition 'config': this computer is no drone yet", BOOT_S

@@ -14,7 +14,7 @@ from radron.protocol.codec import MAX_ENTRY_BYTES, decode, encode
 from radron.protocol.entries import SIGNATURE_BYTES
 from radron.protocol.errors import ProtocolError
 from radron.protocol.messages import Obeyed, Stage, Status, Ticket
-from radron.protocol.signing import MOST_IN_BATCH, Verifier, sign_entries, sign_status
+from radron.protocol.signing import MAX_BATCH_ENTRIES, Verifier, sign_entries, sign_status
 
 
 def verifier(*credentials):
@@ -28,7 +28,7 @@ def accepted(one, entry):
     return one.accepts_entry(entry, encode(entry))
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 5, 8, MOST_IN_BATCH, MOST_IN_BATCH + 1])
+@pytest.mark.parametrize("number", [1, 2, 3, 5, 8, MAX_BATCH_ENTRIES, MAX_BATCH_ENTRIES + 1])
 def test_each_entry_of_a_batch_is_proven_by_itself(number):
     for entry in reversed(cones(range(1, number + 1))):
         assert accepted(verifier(), entry)
@@ -130,10 +130,10 @@ def test_a_certificate_must_be_valid_when_the_boot_begins_and_nothing_is_cut_aft
 
 
 def test_a_proof_leaves_room_for_the_largest_entry():
-    assert max(len(entry.proof) for entry in cones(range(MOST_IN_BATCH))) == SIGNATURE_BYTES + 1 + 16 * 5
+    assert max(len(entry.proof) for entry in cones(range(MAX_BATCH_ENTRIES))) == SIGNATURE_BYTES + 1 + 16 * 5
     with pytest.raises(ProtocolError):
         encode(replace(cones([1])[0], proof=bytes(SIGNATURE_BYTES + 1 + 16 * 6)))
-    assert len(encode(cones(range(MOST_IN_BATCH))[0])) < MAX_ENTRY_BYTES
+    assert len(encode(cones(range(MAX_BATCH_ENTRIES))[0])) < MAX_ENTRY_BYTES
 
 
 def status(**changes):

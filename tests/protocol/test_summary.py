@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from radron.protocol.codec import MAX_PAYLOAD_BYTES
 from radron.protocol.errors import ProtocolError
-from radron.protocol.summary import MOST_BLOCKS, MOST_PUBLISHERS, MOST_RANGES, Held, decode_summary, encode_summary
+from radron.protocol.summary import MAX_BLOCKS, MAX_RANGES, MAX_SUMMARY_PUBLISHERS, Held, decode_summary, encode_summary
 
 MISSION = "0123456789abcdef"
 BOOT = "00000000000000aa"
@@ -100,9 +100,9 @@ def test_more_starts_of_agents_than_fit_are_left_out() -> None:
 
 
 def test_the_largest_summary_fits_into_a_payload() -> None:
-    gappy = tuple((LARGEST // 2 + 2 * i, LARGEST // 2 + 2 * i) for i in range(MOST_RANGES))
-    summary = {("d" * 32, f"{boot:016x}"): Held(gappy, LARGEST) for boot in range(MOST_PUBLISHERS)}
-    many = tuple((LARGEST // 2 // 64 + block, bytes(16)) for block in range(MOST_BLOCKS))
+    gappy = tuple((LARGEST // 2 + 2 * i, LARGEST // 2 + 2 * i) for i in range(MAX_RANGES))
+    summary = {("d" * 32, f"{boot:016x}"): Held(gappy, LARGEST) for boot in range(MAX_SUMMARY_PUBLISHERS)}
+    many = tuple((LARGEST // 2 // 64 + block, bytes(16)) for block in range(MAX_BLOCKS))
     summary["d" * 32, "0" * 16] = Held(((0, LARGEST),), LARGEST, many)
     payload = encode_summary(MISSION, summary)
     assert len(payload) <= MAX_PAYLOAD_BYTES

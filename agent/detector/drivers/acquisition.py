@@ -12,7 +12,7 @@ from radron.agent.detector.delivery import LOST_END, Delivery, Gathering
 from radron.agent.detector.files.toa import MAX_DISORDER_NS, BorderRepair
 from radron.agent.detector.readout import PixelHits, Readout
 
-HOLD_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
+DELIVERY_NS = 500_000_000  # time within which a hit is expected to be delivered; later ones count in a later readout
 
 
 @dataclass(slots=True)
@@ -69,7 +69,7 @@ class AcquisitionReader:
             self._gathering.add(block, round((started_ns - self._clock_ns) * 16 / 25))
         latest = self._gathering.latest_tick
         latest_ns = 0 if latest is None else self._clock_ns + latest * 25 // 16
-        end_ns = max(latest_ns - MAX_DISORDER_NS, now_ns - HOLD_NS)
+        end_ns = max(latest_ns - MAX_DISORDER_NS, now_ns - DELIVERY_NS)
         if ended_ns is not None:
             end_ns = min(ended_ns, started_ns + acquisition.length_ns)
         start_ns, end_ns = self._start_ns, max(min(end_ns, now_ns), self._start_ns)

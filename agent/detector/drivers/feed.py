@@ -12,7 +12,7 @@ from radron.agent.errors import DetectorError
 from radron.agent.feed import Feed
 from radron.agent.owntime import Utc
 
-STALE_NS = 2_000_000_000  # poses are kept for 5 s: an older readout may not find its pose any more
+READOUT_STALE_NS = 2_000_000_000  # poses are kept for 5 s: an older readout may not find its pose any more
 
 
 class FeedDetector:
@@ -61,7 +61,7 @@ class FeedDetector:
 
     def _fresh(self, readout: Readout) -> bool:
         age_ns = self._clock_ns() - readout.end_ns
-        if abs(age_ns) <= STALE_NS:
+        if abs(age_ns) <= READOUT_STALE_NS:
             self._flaw = None
             self.counters["readouts"] += 1
             return True

@@ -31,9 +31,9 @@ from radron.agent.detector.readout import Readout
 from radron.agent.errors import DetectorError
 
 ACQUISITION_S = 60.0
-SLICE_S = 0.2
-RETRY_S = 2.0
-CLOSE_S = 1.0  # time that the camera is given to end its acquisition
+READOUT_SLICE_S = 0.2
+CAMERA_RETRY_S = 2.0
+ACQUISITION_END_S = 1.0  # time that the camera is given to end its acquisition
 BLOCK_BYTES = 6000  # "DDBlockSize" of the vendor's data-driven example; the default of 66000 delays sparse hits
 _NO_DEVICE = "FileDevice 0"  # listed by Pixet where no camera is connected
 
@@ -98,7 +98,7 @@ class PixetDetector:
             for readout in self._reader.read(self._acquisitions, self._clock_ns()):
                 yield readout
             try:
-                async with asyncio.timeout(SLICE_S):
+                async with asyncio.timeout(READOUT_SLICE_S):
                     await self._closed.wait()
             except TimeoutError:
                 continue
@@ -109,7 +109,7 @@ class PixetDetector:
         self._stop.set()
         if self._worker is not None:
             threading.Thread(target=self._abort, args=(self._worker,), name="pypixet-abort", daemon=True).start()
-            await asyncio.to_thread(self._worker.join, CLOSE_S)
+            await asyncio.to_thread(self._worker.join, ACQUISITION_END_S)
 
     def _abort(self, worker: threading.Thread) -> None:
         """Abort the camera's operation repeatedly: an acquisition may be just about to begin."""
@@ -133,7 +133,7 @@ class PixetDetector:
             except Exception as error:  # a vendor module may raise anything; the flight continues
                 self._problem = f"pypixet: {type(error).__name__}: {error}"
             self._device = None
-            self._stop.wait(RETRY_S)
+            self._stop.wait(CAMERA_RETRY_S)
         if running:
             self._module.exit()
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from radron.agent.detector.lines import CANDIDATES, GAMMAS
-from radron.agent.detector.spectroscopy.recognition import LEAST_EVIDENCE, LEAST_SHARE, Recogniser, fitted, mixtures
+from radron.agent.detector.spectroscopy.recognition import MIN_LINE_EVIDENCE, MIN_PEAK_SHARE, Recogniser, fitted, mixtures
 from radron.agent.detector.spectroscopy.residuals import contradiction
 from radron.agent.detector.spectroscopy.shapes import Reading, strongest_line_kev
 from radron.agent.geometry import Array
@@ -28,7 +28,7 @@ _READING_SIGMA = 0.001  # least error of a reading: the bins are 2.6 % wide
 MOVED_EVIDENCE = 20.0  # of a jump: the peaks are looked for in many places, and every few seconds
 _NEAR = 0.06  # relative: further off, another nuclide may be taken for that of the reference
 _STEP = 0.01  # between two readings; a peak's resolution is 2 to 3 times as wide
-NEAR = tuple(Reading(math.exp(_STEP * step)) for step in range(-round(_NEAR / _STEP) - 1, round(_NEAR / _STEP) + 2))
+NEAR_READINGS = tuple(Reading(math.exp(_STEP * step)) for step in range(-round(_NEAR / _STEP) - 1, round(_NEAR / _STEP) + 2))
 FAR = tuple(Reading(math.exp(_STEP * step)) for step in range(-54, 56))
 MIN_TOLD, MAX_UNTOLD = 0.035, 0.025  # relative error of the gain: a report to operators begins above, and ends below
 # Between two looks: enough for a reading, and mostly from before or after the scale has jumped.
@@ -55,7 +55,7 @@ class EnergyScale:
         self._since_ns: int | None = None
         self._is_told = False  # that the gain is off
         for nuclide in CANDIDATES:  # the slow part in advance, for each nuclide that may be followed in flight
-            mixtures((nuclide,), NEAR)
+            mixtures((nuclide,), NEAR_READINGS)
         if named is not None:
             self.follow((named,))
             mixtures((named,), FAR)
@@ -92,7 +92,7 @@ class EnergyScale:
         self._covariance[0, 0] += DRIFT_SIGMA**2 * max(0.0, 1e-9 * elapsed_ns)
         if not self._nuclides:
             return False
-        near = read(counts, self._nuclides, NEAR, LEAST_EVIDENCE)
+        near = read(counts, self._nuclides, NEAR_READINGS, MIN_LINE_EVIDENCE)
         if near is not None:
             self._is_read = True
             self._correct(*near)
@@ -149,7 +149,7 @@ def read(counts: Array, nuclides: tuple[str, ...], readings: tuple[Reading, ...]
     parts, peaks = mixtures(nuclides, readings), 2 * len(nuclides)
     likelihood, shares = fitted(counts, parts, None, _ROUNDS)
     best = int(likelihood.argmax())
-    if not 0 < best < len(readings) - 1 or shares[best, :peaks:2].sum() < LEAST_SHARE:
+    if not 0 < best < len(readings) - 1 or shares[best, :peaks:2].sum() < MIN_PEAK_SHARE:
         return None
     without = np.delete(parts[best], range(0, peaks, 2), axis=0)
     if likelihood[best] - fitted(counts, without[None], None, _ROUNDS)[0][0] < evidence:

@@ -11,14 +11,14 @@ from radron.agent.detector.windows import candidates_of
 from radron.agent.geometry import Array
 from radron.protocol.messages import Recognised
 
-LOOK_NS = 10_000_000_000
+RECOGNITION_PERIOD_NS = 10_000_000_000
 
 
 class NuclideWatch:
     """Recognises the nuclide in the spectrum of this drone's camera during the flight, and compares it with the mission's.
 
-    It evaluates the spectrum every LOOK_NS. With several candidates there may be several sources, whose spectrum is that of no
-    single nuclide. So only lines are reported that no mixture of candidates explains.
+    It evaluates the spectrum every RECOGNITION_PERIOD_NS. With several candidates there may be several sources, whose spectrum is
+    that of no single nuclide. So only lines are reported that no mixture of candidates explains.
 
     The nuclides in view are the reference for the camera's energy scale: the mission's nuclide, until another is recognised; of
     several candidates the ones present. Energies from before a jump of that scale are forgotten.
@@ -45,12 +45,12 @@ class NuclideWatch:
         return self._scale.factor
 
     def look(self, now_ns: int) -> None:
-        """Evaluate the camera's spectrum if LOOK_NS have passed since the last evaluation."""
+        """Evaluate the camera's spectrum if RECOGNITION_PERIOD_NS have passed since the last evaluation."""
         if self._scale.look(now_ns):
             self._recogniser = Recogniser()
         if self._looked_ns is None:
             self._looked_ns = now_ns
-        elif now_ns - self._looked_ns >= LOOK_NS:
+        elif now_ns - self._looked_ns >= RECOGNITION_PERIOD_NS:
             self._looked_ns = now_ns
             found = self._recogniser.look()
             self.recognised = found if found is not None and found.certain else None

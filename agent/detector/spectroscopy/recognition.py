@@ -22,12 +22,12 @@ from radron.agent.detector.spectroscopy.residuals import contradiction, line_ene
 from radron.agent.detector.spectroscopy.shapes import EDGES_KEV, MIDDLES_KEV, Reading, of_nuclide, surroundings
 from radron.agent.geometry import Array
 
-LEAST_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
-LEAST_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
-LEAST_EVENTS = 50
+MIN_LINE_EVIDENCE = 10.0  # natural logarithm of a likelihood ratio: 4.5 standard deviations
+MIN_PEAK_SHARE = 0.01  # of the events in the peaks: below it, small calibration errors would be taken for peaks
+MIN_EVENTS = 50
 _READINGS = (*map(Reading, (0.97, 0.985, 1.0, 1.015, 1.03)), Reading(loss_kev=8.0))  # of possible cameras
 _ROUNDS = (80, 40)  # iterations of the first fit, and of later fits, which start from the previous one
-_LEAST_STRENGTH = 1e-5  # initial strength of a component that had vanished
+_MIN_STRENGTH = 1e-5  # initial strength of a component that had vanished
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Recognition:
         """Whether the nuclide is recognised with certainty: enough evidence, enough events in its peaks, and nothing
         against it.
         """
-        return self.against is None and self.evidence >= LEAST_EVIDENCE and self.peak_events >= LEAST_SHARE * self.events
+        return self.against is None and self.evidence >= MIN_LINE_EVIDENCE and self.peak_events >= MIN_PEAK_SHARE * self.events
 
 
 class Recogniser:
@@ -95,8 +95,8 @@ class Recogniser:
         return found if found is not None and found.certain else None
 
     def look(self) -> Recognition | None:
-        """Evaluate the spectrum, and return the nuclide that fits best, however badly; None with fewer than LEAST_EVENTS."""
-        if self.events < LEAST_EVENTS:
+        """Evaluate the spectrum, and return the nuclide that fits best, however badly; None with fewer than MIN_EVENTS."""
+        if self.events < MIN_EVENTS:
             return None
         parts = _parts(self._candidates, self._readings)
         likelihood, peaks = self._fitted(parts, self._peaks)
@@ -132,7 +132,7 @@ class Recogniser:
 
     def foreign_lines_kev(self, nuclides: Sequence[str]) -> tuple[int, ...]:
         """Return the energies (keV) of the peaks in the spectrum that no mixture of these nuclides explains."""
-        if self.events < LEAST_EVENTS:
+        if self.events < MIN_EVENTS:
             return ()
         parts = mixtures(tuple(nuclides), _READINGS)
         likelihood, _ = fitted(self._counts, parts, None, _ROUNDS[0])
@@ -142,7 +142,7 @@ class Recogniser:
         """Return those of the given nuclides without which their mixture does not explain the spectrum; weak ones are left out
         first.
         """
-        if self.events < LEAST_EVENTS:
+        if self.events < MIN_EVENTS:
             return ()
         every = mixtures(tuple(nuclides), _READINGS)
         likelihood, shares = fitted(self._counts, every, None, _ROUNDS[0])
@@ -153,7 +153,7 @@ class Recogniser:
             own = 2 * left.index(nuclides[place])
             without = np.delete(parts, (own, own + 1), axis=0)
             least = fitted(self._counts, without[None], None, _ROUNDS[0])[0][0]
-            if peaks[place] < LEAST_SHARE or most - least < LEAST_EVIDENCE:
+            if peaks[place] < MIN_PEAK_SHARE or most - least < MIN_LINE_EVIDENCE:
                 left.remove(nuclides[place])
                 most, parts = least, without
         return tuple(left)
@@ -172,7 +172,7 @@ def fitted(counts: Array, parts: Array, share: Array | None, rounds: int) -> tup
     present = counts > 0
     counts, parts = counts[present], parts[:, :, present]
     total = counts.sum()
-    share = np.maximum(share, _LEAST_STRENGTH)
+    share = np.maximum(share, _MIN_STRENGTH)
     for _ in range(rounds):
         ratio = counts / np.maximum(share[:, None, :] @ parts, 1e-12)
         share = share * (parts @ ratio.transpose(0, 2, 1))[:, :, 0] / total

@@ -17,7 +17,7 @@ from radron.agent.geometry import Array
 _MODEL_ERROR = 0.2  # relative, of each bin: shapes of peaks, humps in the place of scattered photons
 MORE_SIGMAS = 7.0  # of a peak that is not explained; spectra of known nuclides reach 6
 LESS_SIGMAS = 4.5  # of a missing peak; lines of known nuclides reach 3.5
-_MOST_LINES = 6
+_MAX_LINES = 6
 _APART = 0.07  # relative distance of two distinguishable lines
 _ROUNDS = 150
 
@@ -47,7 +47,7 @@ def line_energies(counts: Array, common: Array, fitted: Fitted) -> tuple[int, ..
     counts: (B,) events in B energy bins. common: (K, B) K component spectra. fitted: the function for the fit.
     """
     parts, found = common, list[float]()
-    while len(found) < _MOST_LINES:
+    while len(found) < _MAX_LINES:
         _, shares = fitted(counts, parts[None], None, _ROUNDS)
         sigmas = _sigmas(counts, shares[0] @ parts * counts.sum())
         for known in found:

@@ -26,8 +26,8 @@ from radron.agent.geometry import Array
 OUTLIER_FRACTION = 0.08  # eps: share of the source's cones that do not point to it
 _DENSITIES: Array = 2.0 * (1.0 - OUTLIER_FRACTION) * np.array([0.7, 0.3])  # 2 (1 - eps) f_j
 _WIDTHS_SQUARED: Array = np.array([0.95, 1.9]) ** 2  # c_j^2
-_LEAST_SINE = 0.15  # floor of sin(theta): the ring approximation fails for narrow cones
-_LEAST_SIGMA_RAD = 0.02
+_MIN_CONE_SINE = 0.15  # floor of sin(theta): the ring approximation fails for narrow cones
+_MIN_SIGMA_RAD = 0.02
 _PER_TWO_PI = 0.5 / np.pi
 
 
@@ -53,8 +53,8 @@ class Orders(Struct, frozen=True, eq=False):
                 (
                     *r.axis,
                     r.theta_rad,
-                    max(r.sigma_rad, _LEAST_SIGMA_RAD) ** 2,
-                    r.probability / max(sin(r.theta_rad), _LEAST_SINE),
+                    max(r.sigma_rad, _MIN_SIGMA_RAD) ** 2,
+                    r.probability / max(sin(r.theta_rad), _MIN_CONE_SINE),
                 )
                 for r in cone.readings
             ]

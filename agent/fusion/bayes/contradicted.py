@@ -8,8 +8,8 @@ rejected alone. In this case the camera is left out for a quarter of a minute, a
 
 Cones have no gate. A cone that makes the source less likely, by a log Bayes factor of n, counts as n / ``CONE_NATS`` rejections.
 A cone that makes the source more likely removes as many, down to none (a CUSUM test [Page 1954]). Cones of a camera that measures
-as modelled reach ``MOST`` by chance with a probability of about e^-18 (``MOST * CONE_NATS``) in each run from none.
-"""
+as modelled reach ``MAX_REJECTIONS`` by chance with a probability of about e^-18 (``MAX_REJECTIONS * CONE_NATS``) in each run from
+none."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from collections.abc import Mapping
 
 from radron.agent.fusion.bayes.doubted import Sure, others
 
-MOST = 3.0  # rejections: more than three in succession
+MAX_REJECTIONS = 3.0  # rejections: more than three in succession
 CONE_NATS = 6.0  # log Bayes factor of cones that counts as one rejection
 _REMEMBERED = 8.0  # limit: a correct vehicle counts again half a minute later
-_LEAST_OTHERS = 2
+_MIN_OTHERS = 2
 _TRUSTED = 1.0  # with fewer rejections
 _FADE_NS = 30_000_000_000  # a circle takes 10 to 30 s, and from some sides a wrong position changes the counts little
 
@@ -45,9 +45,9 @@ def is_contradicted(rejections: Rejections, sure: Sure, vehicle: int, stamp_ns: 
 
     sure: times of observations at known positions, see ``doubted``.
     """
-    if _faded(rejections, vehicle, stamp_ns) < MOST:
+    if _faded(rejections, vehicle, stamp_ns) < MAX_REJECTIONS:
         return False
-    return sum(_faded(rejections, other, stamp_ns) < _TRUSTED for other in others(sure, vehicle, stamp_ns)) >= _LEAST_OTHERS
+    return sum(_faded(rejections, other, stamp_ns) < _TRUSTED for other in others(sure, vehicle, stamp_ns)) >= _MIN_OTHERS
 
 
 def is_disputed(sure: Sure, vehicle: int, stamp_ns: int) -> bool:

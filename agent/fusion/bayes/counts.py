@@ -17,9 +17,9 @@ from radron.agent.geometry import Array
 TRACK_TEMPER: Array = np.array([1.0, 1.0])
 SEARCH_TEMPER: Array = np.array([0.3, 1.0])
 MODEL_VARIANCE = 0.03**2  # of the logarithm of a camera's rate, in each exposure: its area differs a little from side to side
-_LARGEST_STEP = 1.5  # of one iteration
+_MAX_LOG_STEP = 1.5  # of one iteration
 _CONVERGED = 1e-3
-_LARGEST_VARIANCE = 10.0  # of the log rate in the gate, against overflow: with more every count is accepted
+_MAX_LOG_VARIANCE = 10.0  # of the log rate in the gate, against overflow: with more every count is accepted
 
 
 def background_log_likelihood(counts: Array, background: Array, temper: Array) -> Array:
@@ -44,7 +44,7 @@ def innovation_squared(counts: Array, expected: Array, background: Array, varian
     signal = expected.sum(axis=-1)
     mean = signal + background.sum()
     off = counts.sum() - mean
-    result: Array = off * off / (mean + signal * signal * np.expm1(np.minimum(variance, _LARGEST_VARIANCE)))
+    result: Array = off * off / (mean + signal * signal * np.expm1(np.minimum(variance, _MAX_LOG_VARIANCE)))
     return result
 
 
@@ -58,7 +58,7 @@ def fit_rate(
 
         l(z) = sum_c t_c (k_c ln(s_c + B_c) - s_c - B_c) - z^2 / (2 V)
 
-    by Fisher scoring, z <- z + l'(z) / I(z), each step at most ``_LARGEST_STEP``, where
+    by Fisher scoring, z <- z + l'(z) / I(z), each step at most ``_MAX_LOG_STEP``, where
 
         l'(z) = sum_c t_c (k_c s_c / (s_c + B_c) - s_c) - z / V
         I(z)  = sum_c t_c s_c^2 / (s_c + B_c) + 1 / V.
@@ -84,7 +84,7 @@ def fit_rate(
         share = signal / (signal + background)
         slope = share @ weight - signal @ temper - z * precision
         shift = slope / ((signal * share) @ temper + precision)
-        shift = np.minimum(np.maximum(shift, -_LARGEST_STEP), _LARGEST_STEP)
+        shift = np.minimum(np.maximum(shift, -_MAX_LOG_STEP), _MAX_LOG_STEP)
         z = z + shift
         signal = expected * np.exp(z)[..., None]
         if np.abs(shift).max() < _CONVERGED:

@@ -15,8 +15,8 @@ from radron.agent.fusion.bayes.motion import BIAS
 from radron.agent.fusion.observation import Observation
 from radron.agent.geometry import Array
 
-MOST_SIGMA_M = 6.0  # of the horizontal distance: 4.2 m along each axis, half the distance of a camera on a small circle
-RECENT_NS = 5_000_000_000  # several exposures
+MAX_DISTANCE_SIGMA_M = 6.0  # of the horizontal distance: 4.2 m along each axis, half the distance of a camera on a small circle
+DOUBT_WINDOW_NS = 5_000_000_000  # several exposures
 
 Sure = Mapping[int, int]  # by vehicle, the stamp of its newest observation at a known place
 
@@ -26,12 +26,12 @@ def is_left_out(sure: Sure, vehicle: int, observation: Observation) -> bool:
 
     sure: by vehicle, the time of its newest observation at a known position.
     """
-    return observation.position_sigma_m > MOST_SIGMA_M and bool(others(sure, vehicle, observation.stamp_ns))
+    return observation.position_sigma_m > MAX_DISTANCE_SIGMA_M and bool(others(sure, vehicle, observation.stamp_ns))
 
 
 def noted(sure: Sure, vehicle: int, observation: Observation) -> Sure:
     """Return ``sure`` (by vehicle, the time of its newest observation at a known position) with one more observation."""
-    if observation.position_sigma_m > MOST_SIGMA_M:
+    if observation.position_sigma_m > MAX_DISTANCE_SIGMA_M:
         return sure
     return {**sure, vehicle: max(observation.stamp_ns, sure.get(vehicle, 0))}
 
@@ -45,7 +45,7 @@ def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
     doubted = [
         vehicle
         for vehicle, variance in enumerate(bias_variance[::BIAS].tolist())
-        if variance > MOST_SIGMA_M**2 / 2.0 and others(sure, vehicle, stamp_ns)
+        if variance > MAX_DISTANCE_SIGMA_M**2 / 2.0 and others(sure, vehicle, stamp_ns)
     ]
     if not doubted:
         return bias_variance
@@ -56,4 +56,4 @@ def of_counting(bias_variance: Array, sure: Sure, stamp_ns: int) -> Array:
 
 def others(sure: Sure, vehicle: int, stamp_ns: int) -> list[int]:
     """Return the other vehicles that have recent measurements at known positions."""
-    return [other for other, newest_ns in sure.items() if other != vehicle and stamp_ns - newest_ns <= RECENT_NS]
+    return [other for other, newest_ns in sure.items() if other != vehicle and stamp_ns - newest_ns <= DOUBT_WINDOW_NS]

@@ -48,7 +48,7 @@ _HOLD_S = 0.25  # usual time for one instant's entries of all drones: a camera's
 _TRACK_UNITS, _SEARCH_UNITS = 10, 60  # of work for an observation
 _SHIELDED_UNITS = 16  # more, in a track, with known buildings
 _SITE_SIGMA = 0.45  # of a site that replaces a cell, in cells
-_LEAST_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
+_MIN_CELL_SHARE = 1e-4  # of the heaviest cell, for a cell to become a site
 _EVIDENCE_FLOOR = -5.0
 _RAISED_SIGMA = 0.015  # of the place, each axis, per metre of height: the table of scattered photons is for a source on soil
 _AREA_VARIANCE = 0.08**2  # of the log activity: cameras face the source (I-131: 9 % more), areas are means of all sides
@@ -251,7 +251,7 @@ class BayesEstimator:
         grid = self._grid
         cells = search.weight.sum(axis=1)  # (M, C)
         total = cells.sum(axis=0)
-        heavy = total > _LEAST_SHARE * total.max()
+        heavy = total > _MIN_CELL_SHARE * total.max()
         levels = search.weight.sum(axis=0)[:, heavy]  # (A, S)
         share = levels / levels.sum(axis=0)
         mean = np.sum(share * grid.log_activity[:, None], axis=0)

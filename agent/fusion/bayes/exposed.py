@@ -17,8 +17,8 @@ from radron.agent.fusion.facing import Facing
 from radron.agent.geometry import Array, Vector3
 
 _ITERATIONS = 6
-_LEAST_FLUENCE = 1e-250  # from 60 km on exp(-mu D) is 0, and a share of 0 is undefined
-_LONGEST_GAP_S = 2.0
+_MIN_FLUENCE = 1e-250  # from 60 km on exp(-mu D) is 0, and a share of 0 is undefined
+_MAX_GAP_S = 2.0
 _ROOM_M = 1.5  # least distance between camera and source for an unknown obstacle
 _KNOWN = 0.2  # 1 sigma of the log rate up to which missing counts of an exposure are significant
 
@@ -56,7 +56,7 @@ class Exposed(Struct, frozen=True, eq=False):
         gap.
         """
         gap_s = (self.middle_ns - earlier.middle_ns) * 1e-9 - (self.live_time_s + earlier.live_time_s) / 2.0
-        return gap_s < _LONGEST_GAP_S
+        return gap_s < _MAX_GAP_S
 
 
 class Fit(Struct, frozen=True, eq=False):
@@ -103,7 +103,7 @@ class Fit(Struct, frozen=True, eq=False):
         distance = np.sqrt(sight.distance * sight.distance + spot)
         log_gain = BIASES + BIAS * exposed.vehicle + GAIN
         fluence = response.flux(distance) * np.exp(mean[..., ACTIVITY] + mean[..., log_gain]) * exposed.live_time_s
-        fluence = np.maximum(fluence, _LEAST_FLUENCE)
+        fluence = np.maximum(fluence, _MIN_FLUENCE)
         facing = Facing.of(sight.way[..., 0], sight.way[..., 1], distance, *exposed.facing).cosine()
         shielding = sight.shielding(scene.buildings, exposed.position, mean, covariance) if scene.buildings else None
         by_soil = soil_slope = None
@@ -126,7 +126,7 @@ class Fit(Struct, frozen=True, eq=False):
         contrast = None
         if by_soil is not None:
             fitted = expected * np.exp(shift)[..., None]
-            by_soil = by_soil * (hidden.AROUND[:, None, None] * np.exp(shift))[..., None]
+            by_soil = by_soil * (hidden.SCATTERED_SHARE[:, None, None] * np.exp(shift))[..., None]
             contrast, ratio = Contrast.of(counts, fitted, background, by_soil, by_contrast, covariance)
             likelihood = likelihood + ratio
         innovation = innovation_squared(counts, expected, background, variance)

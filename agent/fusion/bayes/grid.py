@@ -25,9 +25,9 @@ Weights = NDArray[np.float32]  # numerous, and every checkpoint has its own
 Real = TypeVar("Real", np.float32, np.float64)
 
 BEYOND_FENCE_M = 60.0  # search distance: from farther away hardly any photon is counted
-OUTSIDE = 0.1  # P(outside the area | H1), of the prior
+OUTSIDE_PRIOR = 0.1  # P(outside the area | H1), of the prior
 FENCED_M = 10.0  # size of the cells up to the fence: a track that begins there has an RMS below ``given_up_rms_m``
-BEYOND_M = 20.0  # size of the cells beyond: a bearing from the area's centre is right to some 10 degrees
+OUTER_CELL_M = 20.0  # size of the cells beyond: a bearing from the area's centre is right to some 10 degrees
 MAX_RING_CELLS = 1000  # with more, the cells are larger
 _DISTANCES, _RING_DISTANCES = 64, 20  # tabulated distances of the likelihood of counts, with interpolation between them
 _NARROW = 0.5  # cells squared; a kernel of three cells has a variance of at most 1
@@ -116,7 +116,7 @@ class Grid:
         self.blocks = [Block.filled(west, south, cell_m, (rows, columns), _DISTANCES)]
         if fence_margin_m > 0.0:
             self.blocks.append(self.blocks[-1].ring(reach, fence_margin_m, FENCED_M))
-        self.blocks.append(self.blocks[-1].ring(reach, BEYOND_FENCE_M, BEYOND_M))
+        self.blocks.append(self.blocks[-1].ring(reach, BEYOND_FENCE_M, OUTER_CELL_M))
         self._ends = np.cumsum([len(block.place) for block in self.blocks])[:-1]
         self.x, self.y = (np.concatenate([getattr(block, axis) for block in self.blocks]) for axis in ("x", "y"))
         self.z: Array = ground.heights_m(np.column_stack((self.x, self.y)))
@@ -125,7 +125,7 @@ class Grid:
         self.inside[len(self.blocks[0].place) :] = False
         self.beyond: NDArray[np.bool_] = ~contains_xy(fence, self.x, self.y) & ~self.inside
         inside, around = self.inside, self.cell_m**2 * (contains_xy(reach, self.x, self.y) & ~self.inside)
-        self.prior: Array = (1.0 - OUTSIDE) * inside / max(int(inside.sum()), 1) + OUTSIDE * around / around.sum()
+        self.prior: Array = (1.0 - OUTSIDE_PRIOR) * inside / max(int(inside.sum()), 1) + OUTSIDE_PRIOR * around / around.sum()
         least, most = (np.log(value / REFERENCE_BQ) for value in config.activity_bq)
         self.log_activity = np.linspace(least, most, config.activity_levels)
         self.activity_variance = ((most - least) / (config.activity_levels - 1)) ** 2 / 12.0

@@ -41,9 +41,11 @@ _TINY = 1e-12
 _LEVELS = len(DEPTHS)
 _PASSING: Array = np.exp(-DEPTHS)
 _BLOCKED: Array = 1.0 - _PASSING[1:]
-SHARE: Array = np.concatenate((_PASSING, 1.0 - _BLOCKED / 2.0, 1.0 - _BLOCKED / 2.0))  # (C,), of the direct photons
+DIRECT_SHARE: Array = np.concatenate((_PASSING, 1.0 - _BLOCKED / 2.0, 1.0 - _BLOCKED / 2.0))  # (C,), of the direct photons
 SHARE_SIGMA: Array = np.concatenate((_PASSING * _SPREAD, _BLOCKED / 12**0.5, _BLOCKED / 12**0.5))  # (C,)
-AROUND: Array = np.concatenate((_AROUND, (1.0 + _AROUND[1:]) / 2.0, (1.0 + _AROUND[1:]) / 2.0))  # (C,), of scattered photons
+SCATTERED_SHARE: Array = np.concatenate(
+    (_AROUND, (1.0 + _AROUND[1:]) / 2.0, (1.0 + _AROUND[1:]) / 2.0)
+)  # (C,), of scattered photons
 _FROM = np.concatenate((np.arange(_LEVELS), np.zeros(_LEVELS - 1, np.intp), np.arange(1, _LEVELS)))  # (C,)
 _TO = np.concatenate((np.arange(_LEVELS), np.arange(1, _LEVELS), np.zeros(_LEVELS - 1, np.intp)))
 _ENDS: Array = np.eye(_LEVELS)[_TO]  # (C, L)
@@ -116,10 +118,10 @@ def behind(direct: Array, scattered: Array, known: Shielding | None) -> tuple[Ar
     attenuate direct photons. Scattered photons come around them, with a change of up to ``_SCATTER_SIGMA``. direct, scattered:
     (S, M, 2) expected counts without obstacles; known: walls and buildings.
     """
-    share, sigma = SHARE[:, None, None], SHARE_SIGMA[:, None, None]
-    scattered = scattered * AROUND[:, None, None, None]
+    share, sigma = DIRECT_SHARE[:, None, None], SHARE_SIGMA[:, None, None]
+    scattered = scattered * SCATTERED_SHARE[:, None, None, None]
     if known is not None:
         share, sigma = known.share * share, np.hypot(known.sigma * share, known.share * sigma)
     expected, variance = Shielding(share, sigma).counts(direct, scattered)
-    unsure = _SCATTER_SIGMA * (1.0 - SHARE[:, None, None]) * scattered.sum(axis=-1) / expected.sum(axis=-1)
+    unsure = _SCATTER_SIGMA * (1.0 - DIRECT_SHARE[:, None, None]) * scattered.sum(axis=-1) / expected.sum(axis=-1)
     return expected, variance + unsure * unsure

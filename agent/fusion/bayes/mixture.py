@@ -32,12 +32,12 @@ from radron.agent.fusion.bayes.sight import LineOfSight, Scene
 from radron.agent.geometry import Array, Vector3
 
 _MIX_S = 1.0  # greatest interval of mixing the modes; in the textbook at each step
-_LEAST_SINE = 1e-3
+_MIN_DIRECTION_SINE = 1e-3
 _LOW_SIGMAS = 1.0  # an exposure lower by more waits for the next one
-_LEAST_CLEAR = 0.3  # least probability of a clear view before, for an exposure to wait
+_MIN_CLEAR = 0.3  # least probability of a clear view before, for an exposure to wait
 _GATE_SIGMAS = 5.0  # an exposure with a larger normalised innovation is rejected
 _HEDGE_SIGMAS, _POSSIBLE = 3.0, (0.002, 0.005)  # no mode of this weight lies farther from the published Gaussian
-_LEAST_DETERMINANT = 1e-12  # m4, of a covariance: against rounding
+_MIN_DETERMINANT = 1e-12  # m4, of a covariance: against rounding
 _SOIL_SHARE = 0.5  # of soil in the weighted counts of a search, which assumes a scatter factor of 1
 _SHORT_S = 0.6  # up to this interval the moments are extrapolated at constant velocity
 
@@ -142,7 +142,7 @@ class Mixture(Struct, frozen=True, eq=False):
         a source farther away; the next exposure distinguishes the two.
         """
         clear = float(self.weight.sum(axis=1) @ self.hidden[:, fit.exposed.vehicle, 0])
-        return clear > _LEAST_CLEAR and float((self.weight * fit.deficit).sum()) > _LOW_SIGMAS
+        return clear > _MIN_CLEAR and float((self.weight * fit.deficit).sum()) > _LOW_SIGMAS
 
     def rejects(self, fit: Fit) -> bool:
         """Return whether an exposure (counts of a camera in half a second) is rejected, because its counts are too far from the
@@ -251,7 +251,7 @@ class Mixture(Struct, frozen=True, eq=False):
         directions = sight.way / distance[..., None]
         axes = sight.turned(orders.axis, self.mean)  # (S, M, K, 3)
         cosine = np.minimum(np.maximum(np.matvec(axes, directions), -1.0), 1.0)
-        sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _LEAST_SINE)
+        sine = np.maximum(np.sqrt(1.0 - cosine * cosine), _MIN_DIRECTION_SINE)
         delta = np.arccos(cosine) - orders.theta_rad
         across = (distance[..., None] * sine)[..., None]
         slope = (cosine[..., None] * directions[..., None, :] - axes) / across  # (S, M, K, 3)
@@ -321,7 +321,7 @@ class Mixture(Struct, frozen=True, eq=False):
         """
         place, found = mean[:2], np.zeros((2, 2))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()
-        determinant = max(xx * yy - xy * xy, _LEAST_DETERMINANT)
+        determinant = max(xx * yy - xy * xy, _MIN_DETERMINANT)
         for mode, weight in enumerate(self.weight.sum(axis=0).tolist()):
             share = min((weight - _POSSIBLE[0]) / (_POSSIBLE[1] - _POSSIBLE[0]), 1.0) / _HEDGE_SIGMAS**2
             if share <= 0.0:

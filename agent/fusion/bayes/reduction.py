@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from radron.agent.geometry import Array
 
-LEAST_WEIGHT = 1e-4  # relative to the heaviest site; lighter ones are dropped
-NEAR = 0.5  # sites nearer than this multiple of their sigma are merged
+MIN_SITE_WEIGHT = 1e-4  # relative to the heaviest site; lighter ones are dropped
+MERGED_SIGMAS = 0.5  # sites nearer than this multiple of their sigma are merged
 
 
 def moments_of(weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
@@ -30,15 +30,15 @@ def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.i
     """Return groups of sites (candidate places of the source) that lie so close together that they can be merged, as arrays of
     indices.
 
-    Sites of less than ``LEAST_WEIGHT`` are in no group. Salmond's clustering [S90] with a Euclidean distance: the heaviest site
-    left takes all sites within ``NEAR`` sigma of its own place, unless they are more than twice as wide; sigma: RMS of the
-    horizontal axes in its widest mode. Cheaper than merging pairs by Kullback-Leibler distance [R07]: at the hand-over from the
-    grid there are hundreds of sites.
+    Sites of less than ``MIN_SITE_WEIGHT`` are in no group. Salmond's clustering [S90] with a Euclidean distance: the heaviest
+    site left takes all sites within ``MERGED_SIGMAS`` sigma of its own place, unless they are more than twice as wide; sigma: RMS
+    of the horizontal axes in its widest mode. Cheaper than merging pairs by Kullback-Leibler distance [R07]: at the hand-over
+    from the grid there are hundreds of sites.
 
     weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d) of S sites, M motion modes and d state variables.
     """
     total = weight.sum(axis=1)
-    kept = np.flatnonzero(total > LEAST_WEIGHT * total.max())
+    kept = np.flatnonzero(total > MIN_SITE_WEIGHT * total.max())
     order = kept[np.argsort(-total[kept], kind="stable")]
     place = np.sum(weight[..., None] * mean[..., :2], axis=1) / np.maximum(total, 1e-300)[:, None]
     sigma = np.sqrt(0.5 * np.trace(covariance[..., :2, :2], axis1=-2, axis2=-1).max(axis=1))
@@ -46,7 +46,7 @@ def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.i
     while len(order):
         first = order[0]
         away = np.hypot(place[order, 0] - place[first, 0], place[order, 1] - place[first, 1])
-        joins = (away < NEAR * sigma[first]) & (sigma[order] < 2.0 * sigma[first])
+        joins = (away < MERGED_SIGMAS * sigma[first]) & (sigma[order] < 2.0 * sigma[first])
         joins[0] = True
         groups.append(order[joins])
         order = order[~joins]

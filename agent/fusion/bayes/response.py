@@ -32,7 +32,7 @@ from radron.agent.fusion.facing import MEAN_FACING
 from radron.agent.geometry import Array
 
 REFERENCE_BQ = 1e9  # unit of the activities
-NEAREST_M = 0.3  # least distance of a camera from a source in the model
+MIN_SOURCE_DISTANCE_M = 0.3  # least distance of a camera from a source in the model
 
 _HITS_PER_EVENT = 1.05  # of the background: one of twenty of its photons is absorbed in two steps
 _EDGE_FACING = 0.2  # f up to which the edge matters

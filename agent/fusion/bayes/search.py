@@ -22,12 +22,12 @@ from radron.agent.fusion.bayes.counts import SEARCH_TEMPER, background_log_likel
 from radron.agent.fusion.bayes.grid import Grid, Weights
 from radron.agent.fusion.bayes.mixture import Mixture
 from radron.agent.fusion.bayes.motion import ACTIVITY
-from radron.agent.fusion.bayes.response import NEAREST_M, REFERENCE_BQ, Response
+from radron.agent.fusion.bayes.response import MIN_SOURCE_DISTANCE_M, REFERENCE_BQ, Response
 from radron.agent.fusion.estimator import Outlook
 from radron.agent.geometry import Array, Point2, Vector3
 
 _MOVE_S = 0.5  # least time step of the prediction
-_LONGEST_MOVE_S = 60.0  # greatest time step of the prediction: a stamp may be years off
+_MAX_MOVE_S = 60.0  # greatest time step of the prediction: a stamp may be years off
 _OUTLIERS = 0.01  # floor of an exposure's relative likelihood: a noisy pixel or a burst alone makes no source
 _TINY = 1e-30
 _ITERATIONS = 3
@@ -105,13 +105,13 @@ class SearchState:
     def later(self, grid: Grid, time_s: float) -> SearchState:
         """Predict the posterior to a later time: a moving source diffuses by ``diffusion_m2ps`` t per axis (a random walk).
 
-        Motion modes do not switch. The time t is limited to ``_LONGEST_MOVE_S``. A step below ``_MOVE_S`` changes nothing, and is
+        Motion modes do not switch. The time t is limited to ``_MAX_MOVE_S``. A step below ``_MOVE_S`` changes nothing, and is
         part of a later one.
         """
         dt_s = time_s - self.time_s
         if dt_s < _MOVE_S:
             return self
-        dt_s = min(dt_s, _LONGEST_MOVE_S)
+        dt_s = min(dt_s, _MAX_MOVE_S)
         moving = zip(self.weight[1:], grid.diffusion_m2ps, strict=True)
         modes = [self.weight[0], *(grid.diffused(weight, rate_m2ps * dt_s) for weight, rate_m2ps in moving)]
         return replace(self, time_s=time_s, weight=np.stack(modes))
@@ -262,6 +262,6 @@ def _interpolated(table: Weights, distance: Array, far: Array) -> Weights:
 
 
 def _seen_from(grid: Grid, position: Vector3) -> tuple[Array, Array, Array, Array]:
-    """Return distance D (at least ``NEAREST_M``) and x, y, z of the cells from a camera, (C,) each."""
+    """Return distance D (at least ``MIN_SOURCE_DISTANCE_M``) and x, y, z of the cells from a camera, (C,) each."""
     x, y, z = grid.x - position[0], grid.y - position[1], grid.z - position[2]
-    return np.maximum(np.sqrt(x * x + y * y + z * z), NEAREST_M), x, y, z
+    return np.maximum(np.sqrt(x * x + y * y + z * z), MIN_SOURCE_DISTANCE_M), x, y, z

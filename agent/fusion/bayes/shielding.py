@@ -10,7 +10,7 @@ from radron.agent.geometry import Array
 from radron.agent.terrain.buildings import Buildings
 
 _MAP_SIGMA = 0.03  # relative, of the optical depth: a map's thicknesses and densities
-_WIDEST_M = 5.0  # of the sigmas; beyond it, the obstacles in between are unknown
+_MAX_SIGMA_M = 5.0  # of the sigmas; beyond it, the obstacles in between are unknown
 
 
 class Shielding(NamedTuple):
@@ -34,7 +34,7 @@ class Shielding(NamedTuple):
         """
         sides = np.zeros((5, *way.shape))
         for axis in range(2):
-            sides[1 + 2 * axis, ..., axis] = np.minimum(sigma_m[..., axis], _WIDEST_M)
+            sides[1 + 2 * axis, ..., axis] = np.minimum(sigma_m[..., axis], _MAX_SIGMA_M)
             sides[2 + 2 * axis] = -sides[1 + 2 * axis]
         ways = (way + sides).reshape(-1, 3)
         depth = buildings.depth(np.broadcast_to(start, sides.shape).reshape(-1, 3), ways).reshape(sides.shape[:-1])

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from radron.agent.fusion.bayes.motion import BIAS, BIASES, HEADING, HEIGHT
-from radron.agent.fusion.bayes.response import NEAREST_M, Response
+from radron.agent.fusion.bayes.response import MIN_SOURCE_DISTANCE_M, Response
 from radron.agent.fusion.bayes.shielding import Shielding
 from radron.agent.fusion.bayes.soil import IMAGE_DEPTH
 from radron.agent.geometry import Array, Vector3
@@ -32,10 +32,9 @@ class Scene(Struct, frozen=True, eq=False):
 class LineOfSight(Struct, frozen=True, eq=False):
     """The lines from one vehicle's camera to the source's place at each Gaussian of a track: S sites (places), M motion modes.
 
-    vehicle: index. way: (S, M, 3) vector w from the camera to the source, distance: (S, M) D = |w|, at least ``NEAREST_M``; rise:
-    (S, M, 2) slope of the ground there, None if level. raised: (S, M) height z of the source above the ground, None if not part
-    of the state. age_s: age T of the measurement.
-    """
+    vehicle: index. way: (S, M, 3) vector w from the camera to the source, distance: (S, M) D = |w|, at least
+    ``MIN_SOURCE_DISTANCE_M``; rise: (S, M, 2) slope of the ground there, None if level. raised: (S, M) height z of the source
+    above the ground, None if not part of the state. age_s: age T of the measurement."""
 
     vehicle: int
     age_s: float
@@ -65,7 +64,7 @@ class LineOfSight(Struct, frozen=True, eq=False):
         raised = None if scene.response.over_soil is None else mean[..., HEIGHT]
         if raised is not None:
             way[..., 2] += raised
-        return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), NEAREST_M), rise, raised)
+        return LineOfSight(vehicle, age_s, way, np.maximum(np.sqrt(np.vecdot(way, way)), MIN_SOURCE_DISTANCE_M), rise, raised)
 
     def image(self) -> Array:
         """Return the vectors (S, M, 3) from the camera to the image of the source in the soil (``soil``), which is always below

@@ -19,6 +19,7 @@ from shapely import Polygon
 from radron.agent.config.mission import MissionConfig
 from radron.agent.detector.windows import Windows, candidates_of
 from radron.agent.errors import ConfigError
+from radron.agent.fusion.bayes.response import REFERENCE_BQ
 from radron.agent.fusion.estimator import GridStep, Outlook
 from radron.agent.fusion.observation import Observation
 from radron.agent.fusion.sources.candidates import Scan, grid_of, raised_grid, spacing_m
@@ -31,7 +32,7 @@ from radron.agent.fusion.sources.misled import misled
 from radron.agent.fusion.sources.moves import Moves
 from radron.agent.fusion.sources.shades import KnownWalls
 from radron.agent.fusion.sources.solution import BIAS, Solution
-from radron.agent.fusion.sources.spectra import KNOWN, REFERENCE_BQ, UNKNOWN_AIR_PER_M, Spectra
+from radron.agent.fusion.sources.spectra import KNOWN, UNKNOWN_AIR_PER_M, Spectra
 from radron.agent.fusion.sources.state import Refinement, SourcesState
 from radron.agent.fusion.sources.telling import Telling
 from radron.agent.fusion.sources.unknown import judged, only_told, only_unknown, settled

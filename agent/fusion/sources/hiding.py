@@ -19,6 +19,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from radron.agent.fusion.bayes.response import REFERENCE_BQ
 from radron.agent.fusion.estimator import Exclusion, Outlook
 from radron.agent.fusion.sources.counts import CountModel
 from radron.agent.fusion.sources.data import Rows
@@ -26,7 +27,7 @@ from radron.agent.fusion.sources.fit import Fitted
 from radron.agent.fusion.sources.shades import KnownWalls
 from radron.agent.fusion.sources.soil import Sight
 from radron.agent.fusion.sources.solution import Solution
-from radron.agent.fusion.sources.spectra import NEAREST_M, PER_MM2, REFERENCE_BQ, Spectra
+from radron.agent.fusion.sources.spectra import NEAREST_M, PER_MM2, Spectra
 from radron.agent.geometry import Array
 from radron.agent.terrain.ground import Ground
 

@@ -34,6 +34,7 @@ from msgspec import Struct
 
 from radron.agent.detector.lines import GAMMAS
 from radron.agent.errors import ConfigError
+from radron.agent.fusion.bayes.response import REFERENCE_BQ
 from radron.agent.fusion.bayes.soil import BODY_SHARE, OTHER_SHARE
 from radron.agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
 from radron.agent.fusion.sources.bins import LEAST_MM2, overlap, pooled, scaled
@@ -42,7 +43,6 @@ from radron.agent.fusion.sources.soiltables import SOIL
 from radron.agent.fusion.sources.tables import TABLES
 from radron.agent.geometry import Array
 
-REFERENCE_BQ = 1e9  # unit of the activities
 NEAREST_M = 0.3  # least distance of a camera from a source in the model
 NEAR, AIR = 0.2, 0.8  # hits of scattered photons, as a share of the direct ones: by ground and mount, and by air for each mu d
 PER_MM2 = REFERENCE_BQ / (4e6 * np.pi)  # w at 1 m without attenuation, per mm2 and second

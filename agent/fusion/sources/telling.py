@@ -13,11 +13,12 @@ from radron.agent.config.mission import MissionConfig
 from radron.agent.fusion.bayes.apparent import Sights
 from radron.agent.fusion.bayes.motion import ACTIVITY, BIASES, GAIN
 from radron.agent.fusion.bayes.motion import BIAS as ERRORS
+from radron.agent.fusion.bayes.response import REFERENCE_BQ
 from radron.agent.fusion.estimator import GridStep, Hypothesis
 from radron.agent.fusion.sources.data import Rows
 from radron.agent.fusion.sources.fit import Fitted
 from radron.agent.fusion.sources.solution import BIAS
-from radron.agent.fusion.sources.spectra import REFERENCE_BQ, Spectra
+from radron.agent.fusion.sources.spectra import Spectra
 from radron.agent.fusion.sources.state import SourcesState
 from radron.agent.geometry import Array
 from radron.agent.motion.orbit import ring_radius_m

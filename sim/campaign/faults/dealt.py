@@ -29,7 +29,7 @@ _STREAM, _DECK_STREAM = 1_000_006, 1_000_007
 HAND = 5  # faults of a mission
 _CALM = 2  # missions of ten without faults
 LASTS_S = (8.0, 14.0)
-_LONGEST_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
+_MAX_OFFLINE_S = 7.0  # an agent that is back later may find its vehicle landed
 _WITHOUT_END = (
     "late",
     "motor",
@@ -180,5 +180,5 @@ def strike(rng: np.random.Generator, card: Card, names: list[str], target: str, 
     if kind != "partition":
         entry["target"] = target
     if kind not in _WITHOUT_END:
-        entry.setdefault("for_s", min(lasts_s, _LONGEST_OFFLINE_S) if KINDS[kind].family == "process" else lasts_s)
+        entry.setdefault("for_s", min(lasts_s, _MAX_OFFLINE_S) if KINDS[kind].family == "process" else lasts_s)
     return entry

@@ -18,7 +18,7 @@ from radron.sim.faults.base import Family
 from radron.sim.faults.kinds import DEALT_ONLY, KINDS
 
 _STREAM = 1_000_005  # key of these random numbers, beside those of the flight itself
-_MOST_FAULTS = 5
+_MAX_FAULTS = 5
 _FAMILY_ENABLED = 0.4
 _KIND_ENABLED = 0.6
 _STAYS = 0.3
@@ -38,7 +38,7 @@ def draw(seed: int, course: Course = FULL) -> dict[str, Any]:
     document = draw_mission(rng, f"faults-{seed}", course)
     names = [drone["id"] for drone in document["mission"]["drones"]]
     kinds = _enabled(rng)
-    count = int(rng.integers(1, _MOST_FAULTS + 1))
+    count = int(rng.integers(1, _MAX_FAULTS + 1))
     faults = [_fault(rng, kinds[int(rng.integers(len(kinds)))], names, course) for _ in range(count)]
     document["fault"] = sorted(faults, key=lambda fault: fault["at_s"])
     document["mission"]["safety"] = {"agent_lost": _agent_lost(seed)}

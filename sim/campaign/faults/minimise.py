@@ -10,9 +10,9 @@ from radron.sim.campaign.faults.mission import Mission, Verdict, fly_mission
 from radron.sim.scoring.invariants.base import Violation
 
 Document = dict[str, Any]
-_MOST_FLIGHTS = 60
-_LEAST_S = 0.5  # a fault is not shortened below this
-_LEAST_DRONES = 2
+_MAX_FLIGHTS = 60
+_MIN_FAULT_S = 0.5  # a fault is not shortened below this
+_MIN_DRONES = 2
 _EXACT = ("localization", "origin_sigma_m", "yaw_sigma_deg")  # keys of a drone whose frame is estimated
 
 
@@ -36,7 +36,7 @@ def minimise(
     while again:
         again = False
         for what, smaller in _smaller(document):
-            if what in tried or flights == _MOST_FLIGHTS:
+            if what in tried or flights == _MAX_FLIGHTS:
                 continue
             flights += 1
             shown = _violation(fly(replace(mission, document=smaller, until=found.invariant)), found.invariant)
@@ -58,7 +58,7 @@ def _smaller(document: Document) -> Iterator[tuple[str, Document]]:
     for place, fault in enumerate(faults):
         yield _name(fault), document | {"fault": [*faults[:place], *faults[place + 1 :]]}
     drones = document["mission"]["drones"]
-    for drone in drones if len(drones) > _LEAST_DRONES else ():
+    for drone in drones if len(drones) > _MIN_DRONES else ():
         rest = [other for other in drones if other is not drone]
         left = [_without(fault, drone["id"]) for fault in faults]
         if None not in left:
@@ -72,7 +72,7 @@ def _smaller(document: Document) -> Iterator[tuple[str, Document]]:
         yield "the source's motion", document | {"source": still}
     for place, fault in enumerate(faults):
         half_s = round(fault.get("for_s", 0.0) / 2.0, 2)
-        if half_s >= _LEAST_S:
+        if half_s >= _MIN_FAULT_S:
             shorter = [*faults[:place], fault | {"for_s": half_s}, *faults[place + 1 :]]
             yield f"{_name(fault)} for more than {half_s:g} s", document | {"fault": shorter}
 

@@ -28,7 +28,7 @@ from radron.sim.scoring.invariants.space import Collision, Fence, Heights, Separ
 from radron.sim.scoring.moment import OFF_GROUND_M, Scene
 
 WRONG_SIGMAS, WRONG_M, WRONG_RAD, WRONG_S = 6.0, 1.0, 0.25, 2.0  # an own pose is wrong beyond all of these
-TOLD_S = 6.0  # after 2 s without a message of the receiver its satellites count as lost; and a status comes each second
+STATUS_WITHIN_S = 6.0  # after 2 s without a message of the receiver its satellites count as lost; and a status comes each second
 _SILENT = {
     "HEARTBEAT": "link to the autopilot lost",
     "ATTITUDE_QUATERNION": "no attitude",
@@ -214,11 +214,11 @@ class SilentStream:
             return None
         if time_s < self._fault.at_s:
             self._boot = status.boot
-        due = self._fault.at_s + TOLD_S < time_s < self._fault.end_s and status.boot == self._boot
+        due = self._fault.at_s + STATUS_WITHIN_S < time_s < self._fault.end_s and status.boot == self._boot
         if not due or any(word in text for text in status.problems for word in (self._word, *_INSTEAD)):
             return None
         self._word = None
-        return f"its autopilot has not sent {self._fault.message} for {TOLD_S:g} s, and it does not say so"
+        return f"its autopilot has not sent {self._fault.message} for {STATUS_WITHIN_S:g} s, and it does not say so"
 
 
 class Disarmed:

@@ -32,7 +32,7 @@ from radron.sim.scoring.invariants.base import Setting, Violation
 START = "start"  # the swarm did not get ready, or no drone took off
 TRUTH = "truth.jsonl"  # in the folder of a flight: time since the start command, and the truth then
 REPORT = "agents.json"
-READY_S = 90.0
+RANDOM_MISSION_READY_S = 90.0
 BUSY_S = 0.3  # a world further behind slips, and the agents' watchdogs kill processes frozen for longer
 TOO_BUSY = "this machine is too busy for live missions"
 
@@ -85,7 +85,7 @@ async def _flown(scenario: Scenario, seed: int, folder: Path) -> LiveJudge:
             observer.listeners.append(judge.hear)
             with (folder / TRUTH).open("wb") as record:
                 watch = _recorded(judge.see, record)
-                _, report = await Course(swarm.scenario, seed, swarm.operator, swarm.faults, watch).fly(READY_S)
+                _, report = await Course(swarm.scenario, seed, swarm.operator, swarm.faults, watch).fly(RANDOM_MISSION_READY_S)
             write_text(folder / REPORT, msgspec.json.encode(report).decode())
             exits = {name: swarm.agents.exit_code(name) for name in names}
             judge.finish([folder / "agents" / name / "agent.log" for name in names], report, exits)

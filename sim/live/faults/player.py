@@ -42,8 +42,8 @@ from radron.sim.scenario import Scenario
 from radron.sim.vehicle.px4.faults import VehicleFault
 
 AWAKE_S = 0.05  # between two stops of a slow computer: a step
-LONGEST_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
-STOP_S = 1.0
+MAX_STOP_S = 0.8  # of a slow computer; after 1 s of silence the watchdog kills the agent
+PLAYER_STOP_S = 1.0
 
 
 class Played(Struct, frozen=True):
@@ -220,7 +220,7 @@ class FaultPlayer:
             while True:
                 await asyncio.sleep(AWAKE_S)
                 self._agents.signal(drone, signal.SIGSTOP)
-                await asyncio.sleep(self._random.uniform(0.0, min(late_s, LONGEST_STOP_S)))
+                await asyncio.sleep(self._random.uniform(0.0, min(late_s, MAX_STOP_S)))
                 self._agents.signal(drone, signal.SIGCONT)
         finally:
             self._agents.signal(drone, signal.SIGCONT)
@@ -234,7 +234,7 @@ class FaultPlayer:
             await child.ended()
             self._note(f"{drone}: its flood ended by itself: {child.last_line()}")
         finally:
-            await child.stop(STOP_S)
+            await child.stop(PLAYER_STOP_S)
 
     def _set_links(self, relays: RelayProcess, truth: Truth) -> None:
         position = dict(zip(self._drones, truth.position_m, strict=True))

@@ -12,8 +12,8 @@ from radron.sim.live.relays.linkstate import PASSING, LinkState
 from radron.sim.live.relays.plan import Impair, RelayPlan
 from radron.sim.live.worldprocess import LiveError
 
-UP_S = 60.0
-STOP_S = 2.0
+RELAYS_START_S = 60.0
+RELAYS_STOP_S = 2.0
 
 
 class RelayProcess:
@@ -34,15 +34,15 @@ class RelayProcess:
         child = await Child.start("relays", [sys.executable, "-m", "radron.sim.live.relays.process"], piped=True)
         child.stdin.write(msgspec.json.encode(plan) + b"\n")
         try:
-            async with asyncio.timeout(UP_S):
+            async with asyncio.timeout(RELAYS_START_S):
                 up = await child.stdout.readline()
         except TimeoutError:
             up = b""
         except BaseException:
-            await child.stop(STOP_S)
+            await child.stop(RELAYS_STOP_S)
             raise
         if not up:
-            await child.stop(STOP_S)
+            await child.stop(RELAYS_STOP_S)
             raise LiveError("the relays between the agents did not start; see the reason above")
         return cls(child)
 
@@ -54,4 +54,4 @@ class RelayProcess:
 
     async def stop(self) -> None:
         """End the process with the relays."""
-        await self._child.stop(STOP_S)
+        await self._child.stop(RELAYS_STOP_S)

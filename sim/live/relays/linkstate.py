@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 _Seconds = Annotated[float, Meta(ge=0.0)]
 _Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
-MOST_CHANGED_BYTES = 8
+MAX_CHANGED_BYTES = 8
 
 
 class LinkState(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -101,8 +101,8 @@ def corrupted(packet: bytes, random: Random) -> bytes:
     if damage == 1:
         return packet[: random.randrange(max(1, len(packet)))]
     if damage == 2 or not packet:
-        return packet + random.randbytes(random.randint(1, MOST_CHANGED_BYTES))
+        return packet + random.randbytes(random.randint(1, MAX_CHANGED_BYTES))
     changed = bytearray(packet)
-    for _ in range(random.randint(1, MOST_CHANGED_BYTES)):
+    for _ in range(random.randint(1, MAX_CHANGED_BYTES)):
         changed[random.randrange(len(changed))] ^= random.randint(1, 255)
     return bytes(changed)

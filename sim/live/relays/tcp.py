@@ -13,7 +13,7 @@ from random import Random
 from radron.sim.live.relays.linkstate import PASSING, LinkState
 
 READ_BYTES = 65_536
-MOST_PIECES = 64  # under way in one direction of a connection; then the sender is blocked
+MAX_PIECES = 64  # under way in one direction of a connection; then the sender is blocked
 _Address = tuple[str, int]
 
 
@@ -52,7 +52,7 @@ class Direction:
 
     async def carry(self, early: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Pass a stream on until its end. ``early``: bytes that were read from it before."""
-        pieces: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(MOST_PIECES)
+        pieces: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(MAX_PIECES)
         taking = asyncio.create_task(self._take(early, reader, pieces))
         try:
             await self._hand_on(pieces, writer)

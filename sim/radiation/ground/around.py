@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from radron.sim.radiation.concrete import concrete_attenuation_per_m
-from radron.sim.radiation.emission import ANY, Pool
+from radron.sim.radiation.emission import FROM_ALL_DIRECTIONS, Pool
 from radron.sim.radiation.ground.bank import DIRECTIONS, ISOTROPIC, direction_of, ground_bank, group_energies_kev
 from radron.sim.radiation.ground.field import FloatArray, natural_flux, point_field, rain_flux
 from radron.sim.radiation.ground.photons import AROUND, GROUPS, TOWARDS
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from radron.sim.radiation.camera import SourceView
     from radron.sim.radiation.individual import Individual
 
-_NEAREST_M = 0.05
+MIN_DISTANCE_M = 0.05
 
 
 class Around(NamedTuple):
@@ -60,7 +60,7 @@ class AroundCamera(Pool):
         around = own.sensitivity * drift * 1e-6 * self._natural_flux(height_m, time_s)
         places, symmetries, rates = [], [], []
         for view in views:
-            distance_m = max(view.distance_m, _NEAREST_M)
+            distance_m = max(view.distance_m, MIN_DISTANCE_M)
             rise_m = view.camera_m - view.source_m
             horizontal_m = math.sqrt(max(distance_m * distance_m - rise_m * rise_m, 0.0))
             place_m = view.source_m if view.source_m > 0.0 else -self._ground.depth_m
@@ -77,7 +77,7 @@ class AroundCamera(Pool):
             rates.append(towards)
         bins = np.add.outer([*(place * GROUPS for place in places), ISOTROPIC * GROUPS], np.arange(GROUPS)).ravel()
         every = np.concatenate([*rates, around * self._area[ISOTROPIC]])
-        return Around(bins.tolist(), np.repeat([*symmetries, ANY], GROUPS).tolist(), every.tolist())
+        return Around(bins.tolist(), np.repeat([*symmetries, FROM_ALL_DIRECTIONS], GROUPS).tolist(), every.tolist())
 
     def _natural_flux(self, height_m: float, time_s: float) -> FloatArray:
         """(GROUPS,) per m2 and s."""

@@ -16,15 +16,13 @@ import numpy as np
 import xraylib
 from numpy.typing import NDArray
 
-from radron.sim.radiation.materials import AIR_DENSITY_GCM3, ELECTRON_MASS_KEV
+from radron.sim.radiation.materials import AIR, AIR_DENSITY_GCM3, CONTINUED_FROM_KEV, ELECTRON_MASS_KEV, XRAYLIB_LIMIT_KEV
 
 FloatArray = NDArray[np.float64]
 
-LEAST_KEV, MAX_KEV = 20.0, 3000.0
+MIN_GRID_KEV, MAX_GRID_KEV = 20.0, 3000.0
 GRID = 500
-_XRAYLIB_LIMIT_KEV, _CONTINUED_FROM_KEV = 799.0, 500.0
 _JOULE_PER_KEV = 1.602177e-16
-_AIR = ((7, 0.7552), (8, 0.2314), (18, 0.0134))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,18 +73,18 @@ class Medium(NamedTuple):
 
 def energies_kev() -> FloatArray:
     """Return the energies of all tables, (GRID,) keV, evenly spaced in their logarithm."""
-    return np.geomspace(LEAST_KEV, MAX_KEV, GRID)
+    return np.geomspace(MIN_GRID_KEV, MAX_GRID_KEV, GRID)
 
 
 def _mass_cross_sections(element: int, energy_kev: float) -> tuple[float, float]:
     """Photoelectric and incoherent mass attenuation, cm2/g; continued above xraylib's end as in
     ``radron.sim.radiation.materials``."""
-    if energy_kev <= _XRAYLIB_LIMIT_KEV:
+    if energy_kev <= XRAYLIB_LIMIT_KEV:
         return xraylib.CS_Photo(element, energy_kev), xraylib.CS_Compt(element, energy_kev)
-    photo, incoherent = _mass_cross_sections(element, _XRAYLIB_LIMIT_KEV)
-    slope = np.log(photo / xraylib.CS_Photo(element, _CONTINUED_FROM_KEV)) / np.log(_XRAYLIB_LIMIT_KEV / _CONTINUED_FROM_KEV)
-    falls = _klein_nishina(energy_kev)[0] / _klein_nishina(_XRAYLIB_LIMIT_KEV)[0]
-    return float(photo * (energy_kev / _XRAYLIB_LIMIT_KEV) ** slope), incoherent * falls
+    photo, incoherent = _mass_cross_sections(element, XRAYLIB_LIMIT_KEV)
+    slope = np.log(photo / xraylib.CS_Photo(element, CONTINUED_FROM_KEV)) / np.log(XRAYLIB_LIMIT_KEV / CONTINUED_FROM_KEV)
+    falls = _klein_nishina(energy_kev)[0] / _klein_nishina(XRAYLIB_LIMIT_KEV)[0]
+    return float(photo * (energy_kev / XRAYLIB_LIMIT_KEV) ** slope), incoherent * falls
 
 
 def _medium(elements: tuple[tuple[int, float], ...], density_gcm3: float) -> Medium:
@@ -98,7 +96,7 @@ def _medium(elements: tuple[tuple[int, float], ...], density_gcm3: float) -> Med
 @cache
 def air() -> Medium:
     """Return the attenuation of photons in dry air at 20 C and 1 atm."""
-    return _medium(_AIR, AIR_DENSITY_GCM3)
+    return _medium(AIR, AIR_DENSITY_GCM3)
 
 
 @cache

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radron.sim.radiation._jit import jit
-from radron.sim.radiation.ground.materials import GRID, LEAST_KEV, MAX_KEV, Medium
+from radron.sim.radiation.ground.materials import GRID, MAX_GRID_KEV, MIN_GRID_KEV, Medium
 from radron.sim.radiation.materials import ELECTRON_MASS_KEV
 
 FloatArray = NDArray[np.float64]
@@ -23,10 +23,10 @@ MIN_KEV = 30.0
 GROUPS = 36  # of energy, evenly spaced in the logarithm from MIN_KEV to MAX_GROUP_KEV; photons above count in the last one
 MAX_GROUP_KEV = 1500.0
 COLUMNS = GROUPS + 1  # the last one: air kerma
-TOWARDS, AROUND = range(2)  # of a point source: from within CONE_DEG of the direction to it, or from elsewhere
+TOWARDS, AROUND = range(2)  # of a point source: from within TOWARDS_DEG of the direction to it, or from elsewhere
 BELOW, ABOVE = range(2)  # of the ground's own radioactivity
-CONE_DEG = 25.0
-_CONE_COSINE = math.cos(math.radians(CONE_DEG))
+TOWARDS_DEG = 25.0
+_CONE_COSINE = math.cos(math.radians(TOWARDS_DEG))
 _CEILING_M = 300.0
 _MIN_COSINE = 0.01  # crossings below it count as of half of it, the mean of an isotropic flux there
 
@@ -123,7 +123,7 @@ def _fly(
     setting: Setting, tally: FloatArray, photon: FloatArray, energy: float, is_counted: bool, rng: np.random.Generator
 ) -> float:
     """Move a photon to its next interaction. Returns the share of Compton scattering there; -1: it is too far away."""
-    place = math.log(energy / LEAST_KEV) * ((GRID - 1) / math.log(MAX_KEV / LEAST_KEV))
+    place = math.log(energy / MIN_GRID_KEV) * ((GRID - 1) / math.log(MAX_GRID_KEV / MIN_GRID_KEV))
     cell = min(int(place), GRID - 2)
     part = place - cell
     kerma = setting.kerma[cell] * (1.0 - part) + setting.kerma[cell + 1] * part

@@ -19,6 +19,8 @@ S_contra = TypeVar("S_contra", bound=Scene, contravariant=True)  # observations 
 AT_HOME_M = 10.0  # of the place of the launch: frames are good to a metre or two, and others may stand in the way
 ANNOUNCED_S = 5.0  # after an announced jump of a vehicle its agent knows its new frame
 RECOVERY_S = 15.0  # until a vehicle is back on course after a fault of its own position or thrust
+EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0  # the truth may be farther from a stated value for this long
+LOOK_TICKS = 10  # between two looks of an invariant that need not judge each tick
 _LINKED_S = 1.0  # after a revocation the links are down
 FRAME_FAULTS: tuple[Family, ...] = ("pose", "liar", "clock")  # put wrong observations into every log
 OWN_FAULTS: tuple[Family, ...] = ("pose", "thrust")
@@ -51,7 +53,6 @@ class Setting:
         self.mission = scenario.mission
         self.scenario = scenario
         self.names = tuple(drone.id for drone in scenario.mission.drones)
-        self.first_fault_s = min((fault.at_s for fault in scenario.fault), default=inf)
         revoked = (fault for fault in scenario.fault if isinstance(fault, Revoked))
         self.revoked_s = {self.names.index(name): fault.at_s for fault in revoked for name in fault.strikes(self.names)}
         struck = ((fault, [self.names.index(name) for name in self.strikes(fault)]) for fault in scenario.fault)

@@ -11,15 +11,14 @@ from radron.agent.pilot import Pilot
 from radron.protocol.stages import SEARCHING
 from radron.sim.faults.agents import Forged
 from radron.sim.faults.base import Family
-from radron.sim.faults.forgers import BESIDE
-from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.faults.forgers import INVALID_NUMBER_OFFSET
+from radron.sim.scoring.invariants.base import EXCLUDED_S, EXCLUDED_SIGMAS, LOOK_TICKS, Breach, Invariant, Setting
 from radron.sim.scoring.moment import Member, Moment, Scene
 
-EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MEAN_SQUARE, MEAN_SQUARE_AT_REST = 12.0, 20.0
 LAG_S, LAG_SIGMAS = 0.3, 3.0  # half of LAG_S is the time from an exposure to the hypothesis that includes it
 CORRELATED_S = 3.0  # the errors of a hypothesis are about the same for 0.7 to 3 s, as measured in six flights
-_LOOK_TICKS, _LEAST = 10, 20
+_MIN_LOOKS = 20
 _SPELL = 20  # samples in the longest spell, 10 s, of a source wrongly estimated at rest: 0.24 m/s, and two cameras, took 7 s
 _ALLOWED = 10  # samples in EXCLUDED_S
 _SUMMARY_TICKS = 100
@@ -95,7 +94,7 @@ class SourceCalibrated(Invariant[Scene]):
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Record the normalised errors twice a second; yield nothing in flight."""
         self._ticks += 1
-        if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
+        if self._ticks % LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
             for drone, pilot in enumerate(_told(self.setting, moment)):
                 if pilot is not None and pilot.hypothesis is not None and pilot.stage in SEARCHING:
                     self.squares[drone].append(_sigmas(pilot, moment.source) ** 2)
@@ -106,7 +105,7 @@ class SourceCalibrated(Invariant[Scene]):
         for drone, squares in enumerate(self.squares):
             most = _most(squares)
             counted = [square for square in squares if square <= most]
-            if len(squares) >= _LEAST and counted and (mean := sum(counted) / len(counted)) > self._most:
+            if len(squares) >= _MIN_LOOKS and counted and (mean := sum(counted) / len(counted)) > self._most:
                 yield Breach((drone,), f"the mean square of its normalised error is {mean:.0f}, 2 are expected")
 
 
@@ -139,7 +138,7 @@ class FollowsSource(Invariant[Scene]):
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Record the errors twice a second; yield nothing in flight."""
         self._ticks += 1
-        if self._ticks % _LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
+        if self._ticks % LOOK_TICKS == 0 and moment.source is not None and moment.time_s < self._until_s:
             if self._before is not None:
                 time_s, (x, y) = self._before
                 step_s = moment.time_s - time_s
@@ -227,7 +226,7 @@ class Refused(Invariant[Moment]):
         if not any(isinstance(fault, Forged) for fault in self.setting.scenario.fault):
             return
         for drone, pilot in enumerate(moment.pilots):
-            taken = sum(record.entry.sequence >= BESIDE for record in pilot.fusion.log) if pilot is not None else 0
+            taken = sum(record.entry.sequence >= INVALID_NUMBER_OFFSET for record in pilot.fusion.log) if pilot is not None else 0
             if taken:
                 yield Breach((drone,), f"{taken} forged entries in its log")
 

@@ -17,20 +17,19 @@ from radron.agent.vehicle.interface import FlightMode
 from radron.sim.faults.agents import CopiedKey, Corrupt, Cut, Equivocating, Lie, Partition, RadioRange
 from radron.sim.faults.base import Family, Fault
 from radron.sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
-from radron.sim.scoring.invariants.base import RECOVERY_S, Breach, Invariant, Setting
+from radron.sim.scoring.invariants.base import LOOK_TICKS, RECOVERY_S, Breach, Invariant, Setting
 from radron.sim.scoring.invariants.place import excluded
 from radron.sim.scoring.moment import Moment, Shared
 
-LEAST_LEVEL = 0.03  # of the battery: below it a real one may fail at any time
-NAMED_S = 10.0
+MIN_BATTERY = 0.03  # of the battery: below it a real one may fail at any time
+LIAR_NAMED_S = 10.0
 IMPERSONATED_S = 2.0
-TOLD_S = 25.0
+REPORT_WITHIN_S = 25.0
 _USELESS = ("it delivers nothing any more", "no hit for", "it delivers the same hits again")  # drones' reports of their cameras
-MISPLACED_M = 5.0  # plainly visible to others: sightings are good to a metre or two
+PLAINLY_MISPLACED_M = 5.0  # plainly visible to others: sightings are good to a metre or two
 SEEN_M = 30.0  # nearer vehicles are not overlooked
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b; a: the estimator's bounded checkpoints, and all planners
 _SHARED = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType, Shared)
-_LOOK_TICKS = 10
 _MISPLACING: tuple[Family, ...] = ("pose",)  # a faulted thrust makes no own position wrong
 _CLOCK: tuple[Family, ...] = ("clock",)
 _ELSEWHERE: tuple[Family, ...] = ("liar", "pose")  # faults with two published places
@@ -56,7 +55,7 @@ class Reserve(Invariant[Moment]):
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Yield the vehicles that are in the air with empty batteries."""
         for drone, level in enumerate(moment.batteries):
-            if level < LEAST_LEVEL and self._honest[drone] and moment.airborne(drone) and not self._is_exempt(moment, drone):
+            if level < MIN_BATTERY and self._honest[drone] and moment.airborne(drone) and not self._is_exempt(moment, drone):
                 yield Breach((drone,), f"{100.0 * level:.1f} % left in the air")
 
     def _is_exempt(self, moment: Moment, drone: int) -> bool:
@@ -106,7 +105,7 @@ class Named(Invariant[Moment]):
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Yield the drones that are wrong about their position without being suspected; checked twice a second."""
         self._ticks += 1
-        if self._spans and self._ticks % _LOOK_TICKS == 0:
+        if self._spans and self._ticks % LOOK_TICKS == 0:
             self._found = list(self._unnamed(moment))
         yield from self._found
 
@@ -119,8 +118,8 @@ class Named(Invariant[Moment]):
                 self._agents[place], self._unnamed_s[place] = pilot, min(0.0, self._unnamed_s[place])
             if self._is_named(moment, drone):
                 self._unnamed_s[place] = -inf
-            self._unnamed_s[place] += 0.05 * _LOOK_TICKS
-            if self._unnamed_s[place] > NAMED_S:
+            self._unnamed_s[place] += 0.05 * LOOK_TICKS
+            if self._unnamed_s[place] > LIAR_NAMED_S:
                 yield Breach((drone,), f"its position is wrong since {begin_s:.1f} s, and nobody suspects it")
 
     def _is_named(self, moment: Moment, drone: int) -> bool:
@@ -224,10 +223,10 @@ def _misplaces(fault: Fault) -> bool:
 
 def _misplaced_s(fault: Fault) -> tuple[float, float] | None:
     """Return the span of a large, unannounced error of a drone's own position, s; None: never."""
-    if isinstance(fault, PositionJump) and not fault.announced and fault.jump_m > MISPLACED_M:
+    if isinstance(fault, PositionJump) and not fault.announced and fault.jump_m > PLAINLY_MISPLACED_M:
         return fault.at_s, fault.end_s
-    if isinstance(fault, Drag) and fault.most_m > MISPLACED_M:
-        return fault.at_s + MISPLACED_M / fault.speed_mps, fault.end_s
+    if isinstance(fault, Drag) and fault.most_m > PLAINLY_MISPLACED_M:
+        return fault.at_s + PLAINLY_MISPLACED_M / fault.speed_mps, fault.end_s
     return None
 
 
@@ -260,7 +259,7 @@ class Told(Invariant[Moment]):
             since_s = max(fault.at_s, self._born[drone][1])
             if since_s > fault.at_s and isinstance(fault, CameraDead) and not fault.blind:
                 continue
-            if fault.end_s > moment.time_s > since_s + TOLD_S and not any(map(_is_of_useless_camera, pilot.problems)):
+            if fault.end_s > moment.time_s > since_s + REPORT_WITHIN_S and not any(map(_is_of_useless_camera, pilot.problems)):
                 yield Breach((drone,), f"its camera sees nothing new since {fault.at_s:.1f} s, and it does not say so")
 
 

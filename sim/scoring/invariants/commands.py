@@ -10,9 +10,9 @@ import numpy as np
 from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
 from radron.sim.scoring.moment import Moment
 
-OLDEST_SETPOINT_S = 1.3  # PX4 leaves offboard after COM_OF_LOSS_T = 1 s, and needs a little to do so
-MOST_SENT = 200  # messages of one agent in one tick; a busy agent sends five
-MOST_WAITING = 20_000  # messages on their way to one agent: of a flood for a second or two
+MAX_SETPOINT_AGE_S = 1.3  # PX4 leaves offboard after COM_OF_LOSS_T = 1 s, and needs a little to do so
+MAX_SENT_MESSAGES = 200  # messages of one agent in one tick; a busy agent sends five
+MAX_WAITING_FOR_AGENT = 20_000  # messages on their way to one agent: of a flood for a second or two
 
 
 class FreshSetpoint(Invariant[Moment]):
@@ -27,7 +27,7 @@ class FreshSetpoint(Invariant[Moment]):
         """Yield the vehicles that follow a setpoint that is too old."""
         for drone, autopilot in enumerate(moment.autopilots):
             age_s = autopilot.setpoint_age_s
-            if age_s is not None and age_s > OLDEST_SETPOINT_S:
+            if age_s is not None and age_s > MAX_SETPOINT_AGE_S:
                 yield Breach((drone,), f"obeys a setpoint of {age_s:.2f} s ago")
 
 
@@ -76,7 +76,7 @@ class Queues(Invariant[Moment]):
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Yield the drones that send, or have waiting for them, too many messages."""
         for drone, (sent, waiting) in enumerate(zip(moment.sent, moment.inboxes, strict=True)):
-            if sent > MOST_SENT:
-                yield Breach((drone,), f"{sent} messages sent in one step, {MOST_SENT} at most wanted")
-            if waiting > MOST_WAITING:
-                yield Breach((drone,), f"{waiting} messages on their way, {MOST_WAITING} at most wanted")
+            if sent > MAX_SENT_MESSAGES:
+                yield Breach((drone,), f"{sent} messages sent in one step, {MAX_SENT_MESSAGES} at most wanted")
+            if waiting > MAX_WAITING_FOR_AGENT:
+                yield Breach((drone,), f"{waiting} messages on their way, {MAX_WAITING_FOR_AGENT} at most wanted")

@@ -12,7 +12,7 @@ from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
 from radron.sim.scoring.moment import EPOCH_NS, Moment
 
 AGREE_S = 20.0  # a log query every few seconds, and 5 s of backlog
-APART_NS = 1_000_000_000  # limit of the age of a slow agent's last step
+MAX_STEP_AGE_NS = 1_000_000_000  # limit of the age of a slow agent's last step
 _LOOK_TICKS = 100
 _ROUNDS, _CALLS = 20, 5000  # of exchange, and of work: far more than any flight takes
 _LATER_NS = 1_000_000_000
@@ -142,4 +142,4 @@ def _are_of_one_time(pilots: Sequence[Pilot | None]) -> bool:
     stamps_ns = [stamp_ns for stamp_ns in told if stamp_ns is not None]
     if any(pilot is None for pilot in pilots):
         return False
-    return not stamps_ns or (len(stamps_ns) == len(told) and max(stamps_ns) - min(stamps_ns) <= APART_NS)
+    return not stamps_ns or (len(stamps_ns) == len(told) and max(stamps_ns) - min(stamps_ns) <= MAX_STEP_AGE_NS)

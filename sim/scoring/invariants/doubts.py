@@ -12,18 +12,17 @@ from radron.agent.pilot import Pilot
 from radron.protocol.entries import Exposure
 from radron.sim.faults.machines import Clock
 from radron.sim.geometry import Array
-from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.invariants.base import EXCLUDED_SIGMAS, LOOK_TICKS, Breach, Invariant, Setting
 from radron.sim.scoring.moment import EPOCH_NS, Moment
 from radron.sim.world.gnss import GnssTruth
 
-EXCLUDED_SIGMAS, EXCLUDED_M = 6.0, 0.5
-FEWEST = 4  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
+EXCLUDED_M = 0.5
+MIN_MEASUREMENTS = 4  # measurements of which half may exclude the truth: a clock's error times the speed of a moment is no bound
 BOUND_S = 5.0
 BERTH_SIGMAS, BERTH_S = 2.0, 3.0  # of the other's position; for so long a drone evading a third one may come nearer
 # Margins within which an obstacle blocks the way out, beside the least distance. The second one: obstacles that do not give
 # way, from which plans keep two metres more, and lines and circles that others may be behind.
 _AWAY_M, _BLIND_AWAY_M = 1.0, 3.0
-_LOOK_TICKS = 10
 _LOW_M = 1.5  # a drone in takeoff or landing does not choose its way
 
 
@@ -72,7 +71,7 @@ class Mistimed(Invariant[Moment]):
                 x, y, _ = self._places[tick][drone].tolist()
                 excluded.setdefault(drone, []).append(hypot(u - x, v - y) > max(EXCLUDED_M, EXCLUDED_SIGMAS * sigma_m))
         for drone, found in excluded.items():
-            if len(found) >= FEWEST and 2 * sum(found) > len(found):
+            if len(found) >= MIN_MEASUREMENTS and 2 * sum(found) > len(found):
                 yield Breach((drone,), f"{sum(found)} of its {len(found)} measurements with a wrong clock exclude where it was")
 
 
@@ -107,7 +106,7 @@ class PlaceBound(Invariant[Moment]):
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Yield the drones that are overconfident about their position; checked twice a second."""
         self._ticks += 1
-        if self._judged and self._ticks % _LOOK_TICKS == 0:
+        if self._judged and self._ticks % LOOK_TICKS == 0:
             self._found = list(self._too_sure(moment))
         yield from self._found
 

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from math import degrees, hypot, inf, remainder, tau
 
 from radron.sim.geometry import Array
-from radron.sim.scoring.invariants.base import AT_HOME_M, Breach, Invariant, Setting
+from radron.sim.scoring.invariants.base import AT_HOME_M, EXCLUDED_S, EXCLUDED_SIGMAS, LOOK_TICKS, Breach, Invariant, Setting
 from radron.sim.scoring.moment import Moment
 
-EXCLUDED_SIGMAS, EXCLUDED_S = 6.0, 5.0
 MISPLACED_M, MISTURNED_RAD = 1.0, 0.15
 UNPLACED_S = 40.0  # a drone among others has been seen many times by then
 SEEN_M = 30.0  # range of sightings
@@ -19,7 +18,6 @@ FLOOR_M, FLOOR_RAD = 0.3, 0.03  # smaller errors of a vehicle's own localisation
 HOMELESS_S = 5.0  # renewal interval of the stored state
 HEARS_S = 0.5  # telemetry comes 20 times a second
 NEW_S = 0.06  # at 8 m/s a vehicle is within twice FLOOR_M of its newest telemetry
-_LOOK_TICKS = 10
 
 
 class _Placed(Invariant[Moment]):
@@ -84,7 +82,7 @@ class Calibrated(_Placed):
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Record the normalised errors twice a second; yield nothing in flight."""
         self._ticks += 1
-        if self.estimated and self._ticks % _LOOK_TICKS == 0:
+        if self.estimated and self._ticks % LOOK_TICKS == 0:
             for drone in self.placeable(moment):
                 pilot = moment.pilots[drone]
                 placed = pilot.whereabouts if pilot is not None else None
@@ -101,7 +99,7 @@ class Calibrated(_Placed):
         """Yield the drones that were overconfident about their position or heading."""
         for drone, count in enumerate(self.counts):
             for what, total in (("position", self.sums[drone]), ("heading", self.turned[drone])):
-                if count >= CALIBRATED_S * 20 / _LOOK_TICKS and total / count > CALIBRATED:
+                if count >= CALIBRATED_S * 20 / LOOK_TICKS and total / count > CALIBRATED:
                     yield Breach((drone,), f"its squared {what} error is {total / count:.0f} times the variance that it states")
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from radron.sim.faults.agents import Poisoned
-from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
+from radron.sim.scoring.invariants.base import LOOK_TICKS, Breach, Invariant, Setting
 from radron.sim.scoring.moment import Moment
 
-NAMED_S = 15.0
-_LOOK_TICKS = 10
+POISONER_NAMED_S = 15.0
 
 
 class PoisonNamed(Invariant[Moment]):
@@ -35,12 +34,12 @@ class PoisonNamed(Invariant[Moment]):
     def breaches(self, moment: Moment) -> Iterator[Breach]:
         """Yield the drones that publish false exposures without being reported; checked twice a second."""
         self._ticks += 1
-        looks = self._ticks % _LOOK_TICKS == 0
+        looks = self._ticks % LOOK_TICKS == 0
         for place, (drone, begin_s, end_s) in enumerate(self._spans):
             if looks and begin_s <= moment.time_s < end_s and moment.airborne(drone):
                 named = self._is_named(moment, drone)
-                self._unnamed_s[place] = 0.0 if named else self._unnamed_s[place] + 0.05 * _LOOK_TICKS
-            if self._unnamed_s[place] > NAMED_S:
+                self._unnamed_s[place] = 0.0 if named else self._unnamed_s[place] + 0.05 * LOOK_TICKS
+            if self._unnamed_s[place] > POISONER_NAMED_S:
                 yield Breach((drone,), f"it poisons the log since {begin_s:.1f} s, and nobody names it")
 
     def _is_named(self, moment: Moment, drone: int) -> bool:

@@ -15,9 +15,9 @@ from radron.sim.geometry import Array, Vector3
 from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
 from radron.sim.scoring.moment import Moment
 
-NEAR_M = 15.0  # farther vehicles need not be accounted for yet
+ACCOUNTED_M = 15.0  # farther vehicles need not be accounted for yet
 LAYER_M = 2.5  # vehicles with this height difference may be passed
-FARTHER_M, SIGMAS = 4.0, 3.0  # excess of the believed distance: twice the margin of plans, and the position uncertainty
+FARTHER_M, DISTANCE_SIGMAS = 4.0, 3.0  # excess of the believed distance: twice the margin of plans, and the position uncertainty
 UNRECKONED_S = 1.5  # a lost peer is accounted for after a second, and ways around others change
 ROOM_M, WIDE_S = 1.0, 1.0  # the room follows the estimated frame in steps of 0.3 m
 UNTOLD_S = 1.5  # agents fly by telemetry that is up to a second old
@@ -134,7 +134,7 @@ class Reckoned(Invariant[Moment]):
         theirs = _around_source_of(pilot, other_pilot, place)
         if theirs is not None and reckoning.keeps_from_circle(theirs, FARTHER_M):
             return 0.0
-        return reckoning.distance_m(self.setting.names[other], SIGMAS, place, FARTHER_M)
+        return reckoning.distance_m(self.setting.names[other], DISTANCE_SIGMAS, place, FARTHER_M)
 
     def _knowable(self, drone: int, other: int, place: Vector3, other_pilot: Pilot | None) -> list[Vector3]:
         """Return the permitted predictions of another drone at ``place``: that place; and the other's own position estimate,
@@ -222,7 +222,7 @@ def _around_source_of(pilot: Pilot, other: Pilot | None, place: Vector3) -> Vect
 def _is_near(places: Sequence[Vector3], drone: int, other: int) -> bool:
     """Return whether another vehicle is in the air near a drone."""
     mine_m, theirs_m = places[drone][2], places[other][2]
-    return theirs_m >= _LOW_M and abs(mine_m - theirs_m) <= LAYER_M and _apart_m(places, drone, other) <= NEAR_M
+    return theirs_m >= _LOW_M and abs(mine_m - theirs_m) <= LAYER_M and _apart_m(places, drone, other) <= ACCOUNTED_M
 
 
 def _apart_m(places: Sequence[Vector3], drone: int, other: int) -> float:

@@ -15,7 +15,7 @@ from radron.sim.faults.machines import Takeover
 from radron.sim.scoring.invariants.base import Breach, Invariant, Setting
 from radron.sim.scoring.moment import Scene
 
-APART_M, APART_UNDER_FAULTS_M, COLLISION_M = 3.0, 2.5, 2.0
+MIN_SEPARATION_M, MIN_SEPARATION_UNDER_FAULTS_M, NEAR_COLLISION_M = 3.0, 2.5, 2.0
 ONTO_M = 1.5  # contact distance to a vehicle on the ground: less than in the air, as only one of the two moves
 
 
@@ -40,7 +40,7 @@ class Separation(Invariant[Scene]):
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Yield the pairs of vehicles that are too near to each other."""
-        apart_m = APART_M if moment.time_s < self._excused_s else APART_UNDER_FAULTS_M
+        apart_m = MIN_SEPARATION_M if moment.time_s < self._excused_s else MIN_SEPARATION_UNDER_FAULTS_M
         for pair, distance_m in self._near(moment, max(apart_m, self.least_m)):
             self.least_m = min(self.least_m, distance_m)
             if distance_m < apart_m:
@@ -68,7 +68,7 @@ class Collision(Separation):
 
     def breaches(self, moment: Scene) -> Iterator[Breach]:
         """Yield the pairs of vehicles that have collided."""
-        for pair, distance_m in self._near(moment, COLLISION_M):
+        for pair, distance_m in self._near(moment, NEAR_COLLISION_M):
             yield Breach(pair, f"{distance_m:.2f} m apart")
         for pair, distance_m in self._near(moment, ONTO_M, in_air=1):
             yield Breach(pair, f"{distance_m:.2f} m apart, one of them on the ground")

@@ -18,7 +18,7 @@ from radron.sim.vehicle.px4.events import Action, Announcement, Cause
 from radron.sim.vehicle.px4.modes import Mode
 from radron.sim.vehicle.px4.parameters import Parameters
 
-NOTICED_S = 0.05  # delay beyond COM_OF_LOSS_T until the end of a stream is noticed
+STREAM_END_DELAY_S = 0.05  # delay beyond COM_OF_LOSS_T until the end of a stream is noticed
 FENCE_BACK_M = 1.0  # distance inside the fence at which the breach ends
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RETURN, Action.LAND: Mode.LAND, Action.DESCEND: Mode.DESCEND}
 _OFFBOARD_LOSS = {4: Action.LAND, 5: Action.HOLD}  # COM_OBL_RC_ACT; the manual modes need a pilot at the sticks: return
@@ -139,7 +139,7 @@ class Failsafes:
     def _found(self, now: Situation) -> dict[str, _Reason]:
         value = self._parameters
         found = {}
-        if now.offboard_silent_s > value["COM_OF_LOSS_T"] + NOTICED_S:
+        if now.offboard_silent_s > value["COM_OF_LOSS_T"] + STREAM_END_DELAY_S:
             action = _OFFBOARD_LOSS.get(int(value["COM_OBL_RC_ACT"]), Action.RETURN)
             found["stream"] = _Reason(action, Cause.GENERIC, lasts=False)
         if not now.knows_position:

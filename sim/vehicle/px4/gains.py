@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from radron.sim.vehicle.multirotor import MultirotorTruth
 from radron.sim.vehicle.px4.parameters import DEFAULTS, Parameters
 
-_LEAST = 0.01  # PX4 accepts any value; no vehicle flies with a gain of zero
+_MIN_GAIN = 0.01  # PX4 accepts any value; no vehicle flies with a gain of zero
 _IN_DEGREES = "MC_YAWRATE_MAX"  # here in rad/s
 # The tilt's lag scales with MC_ROLL_P; with 6.5 it was recorded as 1 / 6.5 s.
 _FIELDS = {
@@ -38,5 +38,5 @@ def equipped(vehicle: MultirotorTruth, parameters: Parameters) -> MultirotorTrut
     for name, field in _FIELDS.items():
         value = parameters[name]
         if value != float(DEFAULTS[name]):
-            changed[field] = max(_LEAST, radians(value) if name == _IN_DEGREES else value)
+            changed[field] = max(_MIN_GAIN, radians(value) if name == _IN_DEGREES else value)
     return replace(vehicle, **changed) if changed else vehicle

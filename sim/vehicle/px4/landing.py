@@ -13,7 +13,7 @@ DRIFTING_MPS = 1.5  # LNDMC_XY_VEL_MAX: a vehicle whose estimated speed is highe
 SETTLED_S = 0.2  # contact time until it stands firmly
 DISARMED_S = 0.05  # contact time with stopped rotors
 # Delay from contact to detection, and its frequency: of 13 recorded landings 9 took 3.2 to 4 s, one 7.8 and one 22.5 s.
-NOTICED_S = ((0.7, 3.2, 4.0), (0.15, 2.0, 3.2), (0.1, 4.0, 8.0), (0.05, 8.0, 22.5))
+LANDED_DELAYS_S = ((0.7, 3.2, 4.0), (0.15, 2.0, 3.2), (0.1, 4.0, 8.0), (0.05, 8.0, 22.5))
 NOTICED_DESCENDING_S = (1.0, 4.5)
 
 
@@ -82,5 +82,5 @@ class LandDetector:
     def _draw(self, mode: Mode) -> float:
         if mode is Mode.DESCEND:
             return float(self._rng.uniform(*NOTICED_DESCENDING_S))
-        kind = int(self._rng.choice(len(NOTICED_S), p=[share for share, _, _ in NOTICED_S]))
-        return float(self._rng.uniform(*NOTICED_S[kind][1:]))
+        kind = int(self._rng.choice(len(LANDED_DELAYS_S), p=[share for share, _, _ in LANDED_DELAYS_S]))
+        return float(self._rng.uniform(*LANDED_DELAYS_S[kind][1:]))

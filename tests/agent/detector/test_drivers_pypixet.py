@@ -19,8 +19,8 @@ from radron.agent.errors import DetectorError
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
-    monkeypatch.setattr(pypixet, "SLICE_S", 0.02)
-    monkeypatch.setattr(pypixet, "RETRY_S", 0.05)
+    monkeypatch.setattr(pypixet, "READOUT_SLICE_S", 0.02)
+    monkeypatch.setattr(pypixet, "CAMERA_RETRY_S", 0.05)
 
 
 @asynccontextmanager

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from radron.agent.detector.readout import PixelHits, Readout
-from radron.agent.detector.repeats import KEPT, MOST_HITS, Repeats
+from radron.agent.detector.repeats import KEPT_READOUTS, MAX_COMPARED_HITS, Repeats
 
 START_NS, SPAN_NS = 1_800_000_000_000_000_000, 200_000_000
 SPAN_TICKS = SPAN_NS * 16 // 25
@@ -102,8 +102,8 @@ def test_what_is_kept_is_bounded():
     rng, repeats = np.random.default_rng(1), Repeats()
     first = random_hits(rng, 50)
     repeats.without(readout(0, first))
-    assert left_out(repeats, range(1, KEPT + 1), lambda _: random_hits(rng, 50)) == []
-    assert left_out(repeats, [KEPT + 1], lambda _: first) == []
+    assert left_out(repeats, range(1, KEPT_READOUTS + 1), lambda _: random_hits(rng, 50)) == []
+    assert left_out(repeats, [KEPT_READOUTS + 1], lambda _: first) == []
 
 
 def test_it_takes_no_time():
@@ -116,4 +116,4 @@ def test_it_takes_no_time():
         repeats.without(one)
         took_s.append(time.perf_counter() - began_s)
     assert min(took_s) < 1e-3
-    assert MOST_HITS < 20_000
+    assert MAX_COMPARED_HITS < 20_000

@@ -3,12 +3,12 @@
 from radron.agent.fusion.admission import (
     BOOT_BURST,
     BOOT_RATE,
-    BURST,
+    BURST_ENTRIES,
+    DEFERRAL_REPORTED_NS,
     FIRST,
     FIRST_NS,
     RATE,
     RATE_BESIDE,
-    TOLD_NS,
     Admission,
 )
 from radron.protocol.entries import Credential, Retraction
@@ -60,10 +60,10 @@ def test_of_a_drone_that_publishes_ever_more_only_as_much_as_of_three_cameras_is
     admission, now_ns = settled()
     most = RATE + 2 * RATE_BESIDE
     counts = [taken(admission, "d2", now_ns + second * SECOND, 1000) for second in range(30)]
-    assert sum(counts) == BURST + 29 * most
+    assert sum(counts) == BURST_ENTRIES + 29 * most
     assert taken(admission, "d3", now_ns + 30 * SECOND, 100) == 100
     assert admission.put_off(now_ns + 30 * SECOND) == {"d2"}
-    assert admission.put_off(now_ns + 30 * SECOND + TOLD_NS) == frozenset()
+    assert admission.put_off(now_ns + 30 * SECOND + DEFERRAL_REPORTED_NS) == frozenset()
 
 
 def test_entries_that_were_known_or_forged_use_up_nothing():

@@ -8,7 +8,7 @@ import pytest
 from fusions import fusion_of
 
 from radron.agent.fusion import observations
-from radron.agent.fusion.deferred import MOST_OBSERVATIONS, Deferred, Folder
+from radron.agent.fusion.deferred import MAX_TASK_OBSERVATIONS, Deferred, Folder
 from radron.agent.fusion.registry import deferred_named, estimator_named
 
 MOST_IN_A_STEP = 20  # cones of the flight in one step of the grid
@@ -110,7 +110,7 @@ def test_the_hypothesis_is_told_with_the_digest_of_the_log_that_it_follows_from(
 
 
 def test_old_observations_are_made_again_within_the_budget_of_a_call(kit, mission, cones, monkeypatch):
-    monkeypatch.setattr(observations, "MOST_HELD", 16)
+    monkeypatch.setattr(observations, "MAX_HELD_OBSERVATIONS", 16)
     made = []
     observe = observations.observe
     monkeypatch.setattr(observations, "observe", lambda *given: made.append(given) or observe(*given))
@@ -132,9 +132,9 @@ def test_a_long_way_is_made_in_small_tasks(kit, mission, cones):
     kit.feed(fusion, cones)
     elsewhere = Elsewhere(fusion)
     elsewhere.settle(kit.T0_NS + 60_000_000_000)
-    assert sum(elsewhere.sizes) == len(cones) > MOST_OBSERVATIONS
+    assert sum(elsewhere.sizes) == len(cones) > MAX_TASK_OBSERVATIONS
     assert len(elsewhere.sizes) > 1
-    assert max(elsewhere.sizes) <= MOST_OBSERVATIONS
+    assert max(elsewhere.sizes) <= MAX_TASK_OBSERVATIONS
 
 
 def test_late_entries_that_keep_coming_keep_no_answer_back(kit, mission, cones):

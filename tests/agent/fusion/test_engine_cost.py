@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 from fusions import fusion_of
 
-from radron.agent.fusion.observations import MOST_HELD
+from radron.agent.fusion.observations import MAX_HELD_OBSERVATIONS
 from radron.agent.fusion.paper import PaperEstimator
 from radron.agent.fusion.registry import estimator_named
-from radron.agent.fusion.timeline import MOST_OBSERVATIONS
+from radron.agent.fusion.timeline import MAX_STEP_OBSERVATIONS
 from radron.protocol.codec import decode, encode
 from radron.protocol.entries import Cone
 
@@ -154,7 +154,7 @@ def test_what_comes_a_second_late_all_the_time_has_little_computed_again(kit):
 def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
     flood = [
         kit.cone_entry(mission, 0.1 + 1e-6 * number, (1.0, 2.0, 3.0), (0.6, 0.0, 0.8), 0.5, sequence=number)
-        for number in range(10 * MOST_OBSERVATIONS)
+        for number in range(10 * MAX_STEP_OBSERVATIONS)
     ]
     other = kit.cone_entry(mission, 0.2, (1.0, 2.0, 3.0), (0.0, 0.6, 0.8), 0.5, drone="b")
     now_ns = kit.T0_NS + 10**9
@@ -163,7 +163,7 @@ def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
         counting, fusion = counting_fusion(mission)
         kit.feed(fusion, [*order, other])
         fusion.advance(now_ns)
-        assert counting.folded == MOST_OBSERVATIONS + 1
+        assert counting.folded == MAX_STEP_OBSERVATIONS + 1
         assert len(fusion.log) == len(flood) + 1
         states.append(fusion.digest)
         counting.folded = 0
@@ -177,7 +177,7 @@ def test_of_one_drone_and_step_only_so_many_count_whatever_comes(kit, mission):
 def test_an_entry_takes_a_bounded_memory(kit, mission):
     """Besides the estimator's states, whose number is bounded."""
     fusion = fusion_of(mission)
-    cones = kit.flight(mission, np.random.default_rng(7), 2.5 * MOST_HELD / 4.0, lambda _: (50.0, 50.0), rate_hz=4.0)
+    cones = kit.flight(mission, np.random.default_rng(7), 2.5 * MAX_HELD_OBSERVATIONS / 4.0, lambda _: (50.0, 50.0), rate_hz=4.0)
     payloads, taken = [encode(cone) for cone in cones], []
     tracemalloc.start()
     try:
@@ -186,7 +186,7 @@ def test_an_entry_takes_a_bounded_memory(kit, mission):
             taken.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
-    added = (taken[-1] - taken[MOST_HELD]) / (len(taken) - 1 - MOST_HELD)
+    added = (taken[-1] - taken[MAX_HELD_OBSERVATIONS]) / (len(taken) - 1 - MAX_HELD_OBSERVATIONS)
     assert added < 1_000  # measured: 800, the bytes themselves included
 
 

@@ -14,7 +14,7 @@ from radron.protocol.entries import Cone
 
 
 def test_observations_that_are_made_again_have_the_same_bits(kit, mission, entries, in_order, monkeypatch):
-    monkeypatch.setattr(observations, "MOST_HELD", 3)
+    monkeypatch.setattr(observations, "MAX_HELD_OBSERVATIONS", 3)
     fusion = fusion_of(mission)
     kit.feed(fusion, entries[::-1])
     kit.settle(fusion, kit.T0_NS + kit.END_NS)
@@ -25,7 +25,7 @@ def test_observations_that_are_made_again_have_the_same_bits(kit, mission, entri
 
 def test_a_frame_that_is_lost_while_late_entries_wait_ends_no_flight(kit, mission, entries, monkeypatch):
     """Measurements in it go with the next change of the frames; a step that is computed again before leaves it out."""
-    monkeypatch.setattr(observations, "MOST_HELD", 0)
+    monkeypatch.setattr(observations, "MAX_HELD_OBSERVATIONS", 0)
     graph = FrameGraph.from_launch_layout(mission)
     fusion = Fusion(mission, graph)
     now_ns = max(entry.stamp_ns for entry in entries) + 10**9

@@ -10,7 +10,7 @@ from radron.agent.fusion.log import ObservationLog, Outcome
 from radron.agent.fusion.sequences import SequenceSet
 from radron.protocol.codec import encode
 from radron.protocol.entries import Cone, Coverage
-from radron.protocol.summary import MOST_PUBLISHERS, Held
+from radron.protocol.summary import MAX_SUMMARY_PUBLISHERS, Held
 
 UP = (0.0, 0.0, 1.0)
 MOST = 500
@@ -145,14 +145,14 @@ class CountedList(list):
 
 def test_nobodys_entries_wait_for_those_of_a_drone_that_has_many(mission, entries):
     log = empty_log(mission)
-    for boot in range(2 * MOST_PUBLISHERS):
+    for boot in range(2 * MAX_SUMMARY_PUBLISHERS):
         for entry, payload in gapped(entries, 1, boot=f"{boot:016x}"):
             log.add(entry, payload)
     for entry, payload in gapped(entries, 20, drone="b"):
         log.add(entry, payload)
     missing = log.missing_from({}, 100)
     assert sum(identity.drone == "b" for identity, _ in missing) == 20
-    assert len(log.summary()) == MOST_PUBLISHERS
+    assert len(log.summary()) == MAX_SUMMARY_PUBLISHERS
     assert ("b", "00000000000000b1") in log.summary()
 
 

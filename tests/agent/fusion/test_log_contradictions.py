@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radron.agent.fusion.exchange import MOST_ENTRIES, LogExchange
+from radron.agent.fusion.exchange import MAX_ANSWER_ENTRIES, LogExchange
 from radron.agent.fusion.log import ObservationLog, Outcome
 from radron.protocol.codec import decode, encode
-from radron.protocol.summary import BLOCK, MOST_BLOCKS, decode_summary, encode_summary
+from radron.protocol.summary import BLOCK_ENTRIES, MAX_BLOCKS, decode_summary, encode_summary
 
 UP = (0.0, 0.0, 1.0)
 LIAR = ("a", "00000000000000b1")
@@ -105,7 +105,7 @@ def test_logs_that_were_told_different_things_agree_after_the_exchange(mission, 
 
 def test_one_entry_of_a_long_log_is_found(mission, entry):
     """In more blocks than a summary carries, at any place; with gaps, and while more is coming."""
-    count = (MOST_BLOCKS + 40) * BLOCK
+    count = (MAX_BLOCKS + 40) * BLOCK_ENTRIES
     numbers = [number for number in range(count) if number % 17]
     for place in (1, count // 2 + 1, count - 1):
         one, other = Holder(mission), Holder(mission)
@@ -156,5 +156,5 @@ def test_a_publisher_of_which_nothing_counts_is_told_all_the_same(mission, entry
 def test_an_answer_stays_within_its_limit_whatever_is_contradicted(mission, entry):
     one = Holder(mission, [entry(number) for number in range(2000)])
     other = Holder(mission, [entry(number, version=1) for number in range(2000)])
-    assert one.ask(other) == MOST_ENTRIES
+    assert one.ask(other) == MAX_ANSWER_ENTRIES
     assert one.log.last_counted(*LIAR) == -1

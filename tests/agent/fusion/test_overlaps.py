@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from radron.agent.fusion.log import ObservationLog, Outcome
 from radron.agent.fusion.registry import estimator_named
 from radron.protocol.codec import encode
-from radron.protocol.entries import MAX_EXPOSURE_NS, Counts, Retraction
+from radron.protocol.entries import MAX_LOGGED_EXPOSURE_NS, Counts, Retraction
 
 OTHER_BOOT = "00000000000000b2"
 
@@ -85,7 +85,7 @@ def test_exposures_of_other_drones_and_those_that_touch_count(kit, mission):
 
 def test_drones_whose_exposures_overlap_or_are_too_long_are_named(kit, mission):
     overlapping = exposures(kit, mission, [(0.0, 0.5), (0.25, 0.75)], drone="b")
-    longer = exposures(kit, mission, [(3.0, 3.0 + 1.001e-9 * MAX_EXPOSURE_NS)], drone="c")
+    longer = exposures(kit, mission, [(3.0, 3.0 + 1.001e-9 * MAX_LOGGED_EXPOSURE_NS)], drone="c")
     log = log_of(mission, [*overlapping, *longer])
     assert log.counters[Outcome.TOO_LONG.value] == 1
     assert len(log) == 2

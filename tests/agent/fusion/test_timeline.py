@@ -2,7 +2,7 @@
 
 from itertools import permutations
 
-from radron.agent.fusion.timeline import MAX_EXPOSURES_PS, MOST_OBSERVATIONS, Timeline
+from radron.agent.fusion.timeline import MAX_EXPOSURES_PS, MAX_STEP_OBSERVATIONS, Timeline
 from radron.protocol.entries import EntryId
 
 
@@ -41,4 +41,4 @@ def test_all_exposures_of_a_wide_step_count():
     timeline = Timeline(10.0)
     for number in range(10 * MAX_EXPOSURES_PS):
         timeline.add(0, identity(number), 0, is_exposure=True)
-    assert len(timeline.of(0)) == 10 * MAX_EXPOSURES_PS < MOST_OBSERVATIONS
+    assert len(timeline.of(0)) == 10 * MAX_EXPOSURES_PS < MAX_STEP_OBSERVATIONS

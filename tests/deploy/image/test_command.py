@@ -23,7 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Fleet file, image and disk, all small."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(flashing, "IMAGE_BYTES", IMAGE_BYTES)
-    monkeypatch.setattr(target, "LEAST_DISK_BYTES", 2 * IMAGE_BYTES)
+    monkeypatch.setattr(target, "MIN_DISK_BYTES", 2 * IMAGE_BYTES)
     make_fleet(tmp_path)
     (tmp_path / "nuc.img").write_bytes(bytes(512) + b"EFI PART" + bytes(IMAGE_BYTES - 520))
     manifest = Manifest(version="0.1.0", commit="abc", epoch=0, sha256="", packages={}, wheels={})

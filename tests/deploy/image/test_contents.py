@@ -19,7 +19,7 @@ from radron.deploy.fleet.files import CREDENTIALS, DATA, UPDATES
 from radron.deploy.image.bootloader import FIRST_BOOT, grub_configuration, grub_environment
 from radron.deploy.image.layout import IMAGE_BYTES, MIB, PARTITIONS, ROOT_A, ROOT_B
 from radron.deploy.image.rootfs import Release, add_contents, packages, sources
-from radron.protocol.onboard import COMPATIBLE, MOST_ATTEMPTS
+from radron.protocol.onboard import COMPATIBLE, MAX_BOOT_ATTEMPTS
 
 CONTENTS = Path(__file__).parents[3] / "deploy/image/contents"
 ROOTFS = CONTENTS / "rootfs"
@@ -58,7 +58,7 @@ def test_grub_and_rauc_know_the_same_slots() -> None:
     assert "radron-update bootloader" in text(backend)
     assert rauc["system"]["compatible"] == COMPATIBLE
     assert rauc["keyring"]["check-purpose"] == "codesign"
-    assert f'"$tries" != {MOST_ATTEMPTS}' in grub
+    assert f'"$tries" != {MAX_BOOT_ATTEMPTS}' in grub
 
 
 def test_grubs_variables_have_the_length_that_grub_can_overwrite() -> None:

@@ -13,7 +13,7 @@ import pytest
 from radron.deploy.image import flash as flashing
 from radron.deploy.image.errors import ImageError
 from radron.deploy.image.flash import flash
-from radron.deploy.image.layout import LEAST_DISK_BYTES, MIB, Partition
+from radron.deploy.image.layout import MIB, MIN_DISK_BYTES, Partition
 from radron.deploy.image.target import find_target
 
 
@@ -54,15 +54,15 @@ def mounted(device: Path, place: Path) -> Iterator[None]:
 
 
 def test_a_disk_that_is_large_enough_may_be_erased(tmp_path: Path) -> None:
-    with loop_device(tmp_path, LEAST_DISK_BYTES) as device:
+    with loop_device(tmp_path, MIN_DISK_BYTES) as device:
         target = find_target(device, internal=False)
     assert target.described() == [f"{device}: no name, 4.4 GB, unknown bus, a file as a disk", "    no partitions"]
 
 
 def test_one_that_is_too_small_or_write_protected_is_refused(tmp_path: Path) -> None:
-    with loop_device(tmp_path, LEAST_DISK_BYTES - 512) as device, pytest.raises(ImageError, match=r"is too small: 4\.4 GB"):
+    with loop_device(tmp_path, MIN_DISK_BYTES - 512) as device, pytest.raises(ImageError, match=r"is too small: 4\.4 GB"):
         find_target(device, internal=False)
-    with loop_device(tmp_path, LEAST_DISK_BYTES, "--read-only") as device, pytest.raises(ImageError, match="is write-protected"):
+    with loop_device(tmp_path, MIN_DISK_BYTES, "--read-only") as device, pytest.raises(ImageError, match="is write-protected"):
         find_target(device, internal=False)
 
 
@@ -83,7 +83,7 @@ def test_a_mounted_disk_is_refused_and_not_written_even_if_it_is_mounted_after_t
     image, config = tmp_path / "nuc.img", tmp_path / "config.fat"
     image.write_bytes(bytes(512) + b"EFI PART" + bytes(4 * MIB - 520))
     config.write_bytes(bytes(MIB))
-    with loop_device(tmp_path, LEAST_DISK_BYTES) as device, mounted(device, tmp_path / "mount"):
+    with loop_device(tmp_path, MIN_DISK_BYTES) as device, mounted(device, tmp_path / "mount"):
         with pytest.raises(ImageError, match=rf"is in use as {tmp_path}/mount; run `umount {device}`"):
             find_target(device, internal=True)
         before = device.open("rb").read(4 * MIB)

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from radron.deploy.image.errors import ImageError
-from radron.deploy.image.layout import LEAST_DISK_BYTES
+from radron.deploy.image.layout import MIN_DISK_BYTES
 from radron.deploy.image.target import Device, check_device, find_target
 
 STICK: dict[str, Any] = {"name": "/dev/sdb", "type": "disk", "size": 32_000_000_000, "rm": True, "tran": "usb", "model": "Stick"}
@@ -41,7 +41,7 @@ def test_a_removable_disk_may_be_erased_and_what_is_on_it_is_shown() -> None:
         ({"ro": True}, r"is write-protected"),
         ({"rm": False, "tran": "nvme"}, r"is built into this computer.*add --internal"),
         ({"size": 0}, r"/dev/sdb: there is no disk in it"),
-        ({"size": LEAST_DISK_BYTES - 1}, r"is too small: 4.4 GB; a drone needs 4.4 GB"),
+        ({"size": MIN_DISK_BYTES - 1}, r"is too small: 4.4 GB; a drone needs 4.4 GB"),
     ],
 )
 def test_any_other_disk_is_refused_in_one_line(changes: dict[str, Any], message: str) -> None:
@@ -78,5 +78,5 @@ def test_a_file_must_exist_and_be_large_enough(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match=r"is too small"):
         find_target(file, internal=False)
     with file.open("wb") as disk:
-        disk.truncate(LEAST_DISK_BYTES)
-    assert find_target(file, internal=False).size == LEAST_DISK_BYTES
+        disk.truncate(MIN_DISK_BYTES)
+    assert find_target(file, internal=False).size == MIN_DISK_BYTES

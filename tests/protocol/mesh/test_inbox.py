@@ -13,7 +13,7 @@ from meshes import until
 from radron.protocol.codec import MAX_ENTRY_BYTES, MAX_NEWS_BYTES
 from radron.protocol.keys import command_key, drone_key
 from radron.protocol.mesh import inbox as inbox_module
-from radron.protocol.mesh.inbox import MOST_ENTRIES, MOST_PUBLISHERS, NEWS_IN_TURN, NEWS_PER_S, SLICE_MESSAGES, Inbox
+from radron.protocol.mesh.inbox import MAX_ANSWERED_ENTRIES, MAX_QUEUES, NEWS_IN_TURN, NEWS_PER_S, SLICE_MESSAGES, Inbox
 
 CONE = drone_key("s", "d1", "cone")
 POSE = drone_key("s", "d1", "pose")
@@ -108,7 +108,7 @@ def test_who_answers_with_the_entries_of_others_takes_up_its_own_share() -> None
     async def run() -> None:
         received = Received()
         theirs = drone_key("s", "d2", "cone")
-        for i in range(MOST_ENTRIES + 10):
+        for i in range(MAX_ANSWERED_ENTRIES + 10):
             received.inbox.put(theirs, b"%d" % i, by="d3")
         received.inbox.put(theirs, b"own")
         assert [line.split()[0] for line in received.inbox.problems] == ["d3"]
@@ -213,12 +213,12 @@ def test_more_news_than_any_drone_sends_are_told() -> None:
 def test_unknown_drones_are_ignored_and_too_many_operators_take_turns() -> None:
     async def run() -> None:
         received = Received(members=("d1",))
-        for k in range(3 * MOST_PUBLISHERS):
+        for k in range(3 * MAX_QUEUES):
             received.inbox.put(drone_key("s", f"x{k}", "cone"), b"")
             received.inbox.put(command_key("s", f"gcs{k}"), b"")
         received.inbox.put(CONE, b"")
-        await until(lambda: received.counters["received"] == MOST_PUBLISHERS)
-        assert received.counters["unknown_drone"] == 3 * MOST_PUBLISHERS
+        await until(lambda: received.counters["received"] == MAX_QUEUES)
+        assert received.counters["unknown_drone"] == 3 * MAX_QUEUES
         received.inbox.put(CONE, b"here")
         await until(lambda: (CONE, b"here") in received.messages)
 

@@ -15,7 +15,7 @@ from radron.protocol.identity import Identity, Role
 from radron.protocol.keys import station_key
 from radron.protocol.mesh.queries import hash_of, split
 from radron.protocol.mesh.session import Mesh, MeshConfig
-from radron.protocol.messages import MOST_PARTS, PART_BYTES
+from radron.protocol.messages import MAX_PARTS, PART_BYTES
 
 CONTENT = bytes(range(256)) * (3 * PART_BYTES // 256) + b"end"  # four parts
 
@@ -64,9 +64,9 @@ def test_where_parts_are_missing_nothing_is_taken() -> None:
 
 
 def test_what_is_too_large_is_told() -> None:
-    assert len(split(bytes(MOST_PARTS * PART_BYTES))) == MOST_PARTS
+    assert len(split(bytes(MAX_PARTS * PART_BYTES))) == MAX_PARTS
     with pytest.raises(ProtocolError, match=r"3\.1 MB are too much to be uploaded: at most 3\.1 MB"):
-        split(bytes(MOST_PARTS * PART_BYTES + 1))
+        split(bytes(MAX_PARTS * PART_BYTES + 1))
 
 
 def test_with_certificates_a_drone_fetches_from_an_operator(tmp_path: Path) -> None:

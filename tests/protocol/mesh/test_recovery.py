@@ -6,7 +6,7 @@ from collections.abc import Collection
 import pytest
 import virtual_time
 
-from radron.protocol.mesh.recovery import HURRY_S, PERIOD_S, recover
+from radron.protocol.mesh.recovery import HURRY_S, RECOVERY_PERIOD_S, recover
 
 
 class Swarm:
@@ -34,7 +34,7 @@ async def ask_for_a_while(swarm: Swarm, seconds: float, alive: Collection[str] |
 
 def test_peers_are_asked_in_turn() -> None:
     swarm = Swarm({"d1": 0, "d3": 0, "d4": 0})
-    virtual_time.run(ask_for_a_while(swarm, 4.5 * PERIOD_S))
+    virtual_time.run(ask_for_a_while(swarm, 4.5 * RECOVERY_PERIOD_S))
     asked = [peer for _, peer in swarm.asked]
     assert len(asked) == 3 + 5  # each as it appears, and then one in each period
     assert all(set(asked[at : at + 3]) == {"d1", "d3", "d4"} for at in range(len(asked) - 2))
@@ -42,7 +42,7 @@ def test_peers_are_asked_in_turn() -> None:
 
 def test_a_whole_log_is_fetched_without_waiting_between_its_pieces() -> None:
     swarm = Swarm({"d2": 5})
-    virtual_time.run(ask_for_a_while(swarm, PERIOD_S))
+    virtual_time.run(ask_for_a_while(swarm, RECOVERY_PERIOD_S))
     times = [at_s for at_s, _ in swarm.asked]
     assert len(times) >= 6
     assert times[5] - times[0] == pytest.approx(5 * HURRY_S)
@@ -76,17 +76,17 @@ def test_a_peer_that_always_answers_keeps_no_other_out() -> None:
     alive = ["d4"]
 
     async def late() -> None:
-        asyncio.get_running_loop().call_later(0.5 * PERIOD_S, alive.extend, ("d1", "d2", "d3"))
-        await ask_for_a_while(swarm, 20.0 * PERIOD_S, alive)
+        asyncio.get_running_loop().call_later(0.5 * RECOVERY_PERIOD_S, alive.extend, ("d1", "d2", "d3"))
+        await ask_for_a_while(swarm, 20.0 * RECOVERY_PERIOD_S, alive)
 
     virtual_time.run(late())
     asked_s = {peer: [at_s for at_s, who in swarm.asked if who == peer] for peer in swarm.left}
-    assert asked_s["d2"][5] < 2.0 * PERIOD_S  # newly appeared peers take turns
-    assert len([at_s for at_s in asked_s["d4"] if at_s > PERIOD_S]) >= 2  # and peers known before are asked all the same
+    assert asked_s["d2"][5] < 2.0 * RECOVERY_PERIOD_S  # newly appeared peers take turns
+    assert len([at_s for at_s in asked_s["d4"] if at_s > RECOVERY_PERIOD_S]) >= 2  # and peers known before are asked all the same
 
 
 def test_who_answers_with_what_is_put_off_is_not_asked_again_at_once() -> None:
     swarm = Swarm({"d2": 1000})
     swarm.untaken = 400
-    virtual_time.run(ask_for_a_while(swarm, 4.5 * PERIOD_S))
+    virtual_time.run(ask_for_a_while(swarm, 4.5 * RECOVERY_PERIOD_S))
     assert len(swarm.asked) <= 1 + 5

@@ -30,7 +30,7 @@ def test_every_kind_reaches_the_others_and_not_oneself() -> None:
             assert d2.bursts >= 1
             d2.publish("pose", b"back")  # also the time in which an echo would have come
             await until(lambda: d1.messages)
-            await asyncio.sleep(2 * session.HEARTBEAT_S)
+            await asyncio.sleep(2 * session.PUBLISHER_HEARTBEAT_S)
             assert d1.messages == [(drone_key("s", "d2", "pose"), b"back")]
 
     asyncio.run(run())
@@ -234,7 +234,7 @@ def test_who_leaves_is_gone_at_once_and_publishes_nothing_any_more(monkeypatch: 
         async with pair() as (d1, d2):
             start_s = time.monotonic()
             await d2.mesh.close()
-            assert time.monotonic() - start_s < link.CLOSE_S  # ended by itself, not given up
+            assert time.monotonic() - start_s < link.LINK_CLOSE_S  # ended by itself, not given up
             await until(lambda: not d1.mesh.alive)
             d2.publish("pose", b"")
             assert d2.mesh.counters["publish_failed"] == 1

@@ -17,7 +17,7 @@ from meshes import LONG_LEASE_MS, endpoint, free_port, linked, member, peer_proc
 
 from radron.protocol.keys import drone_key
 from radron.protocol.mesh import session
-from radron.protocol.mesh.link import CLOSE_S
+from radron.protocol.mesh.link import LINK_CLOSE_S
 from radron.sim.live.relays.linkstate import PASSING, LinkState
 from radron.sim.live.relays.tcp import Relay
 
@@ -143,7 +143,7 @@ def test_peers_that_stand_still_stall_neither_the_healthy_ones_nor_the_close() -
                     d1.publish("plan", bytes(60_000))
                 start_s = time.monotonic()
                 await d1.mesh.close()
-                assert time.monotonic() - start_s < CLOSE_S  # ended by itself, not given up
+                assert time.monotonic() - start_s < LINK_CLOSE_S  # ended by itself, not given up
 
     asyncio.run(run())
 
@@ -227,7 +227,7 @@ def test_the_process_ends_cleanly_while_peers_stand_still() -> None:
         assert d3.stdin is not None
         d3.stdin.write("\n")
         assert d3.wait(timeout=5.0) == 0
-        assert time.monotonic() - start_s < CLOSE_S  # the close, which was not given up, and the end of the interpreter
+        assert time.monotonic() - start_s < LINK_CLOSE_S  # the close, which was not given up, and the end of the interpreter
 
 
 CANCELLED = """

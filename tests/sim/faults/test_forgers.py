@@ -8,7 +8,7 @@ from radron.protocol.codec import decode_from, encode
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Action
-from radron.sim.faults.forgers import HELD_NS, LATE_NS, Forgers, OldCommands
+from radron.sim.faults.forgers import COPY_AFTER_NS, RESUME_AFTER_NS, Forgers, OldCommands
 from radron.sim.faults.kinds import KINDS
 from radron.sim.faults.poisoners import Poisoners
 from radron.sim.faults.schedule import Schedule
@@ -72,6 +72,6 @@ def test_an_old_command_comes_after_the_one_that_ended_it() -> None:
     schedule = Schedule([msgspec.convert({"kind": "old-command", "at_s": 1.0, "target": "d2"}, KINDS["old-command"])], DRONES, 1)
     assert commanded(schedule) == [
         (20, 1, Action.HOLD),
-        (20 + HELD_NS // 50_000_000, 1, Action.RESUME),
-        (20 + LATE_NS // 50_000_000, 1, b"hold at 20"),
+        (20 + RESUME_AFTER_NS // 50_000_000, 1, Action.RESUME),
+        (20 + COPY_AFTER_NS // 50_000_000, 1, b"hold at 20"),
     ]

@@ -145,7 +145,7 @@ def test_the_mixture_of_a_shared_fold_is_that_of_its_estimator(name, mixture):
 
 def test_agents_whose_states_have_been_forgotten_walk_together_again(counts, monkeypatch):
     """Before, the agents had two copies of equal states, and computed everything twice to the end of the flight."""
-    monkeypatch.setattr("radron.sim.lockstep.sharing.MOST_STEPS", 4)
+    monkeypatch.setattr("radron.sim.lockstep.sharing.MAX_SHARED_STEPS", 4)
     fold = SharedFold(estimator_named("bayes", load_scenario("paper-demo").mission))
 
     def walked(state, numbers):

@@ -5,7 +5,7 @@ import pytest
 
 from radron.agent.detector.files.calibration import Calibration, load_calibration
 from radron.agent.detector.readout import Readout
-from radron.sim.radiation.calibration import LARGEST_TOT, PixelCalibration
+from radron.sim.radiation.calibration import MAX_TOT, PixelCalibration
 from radron.sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP, Electronics
 from radron.sim.radiation.timepix3 import ENERGY_STEP_KEV, PIXEL
 from radron.sim.radiation.truth import CameraTruth
@@ -36,7 +36,7 @@ def test_energy_survives_tot_within_half_a_count_and_half_a_step(camera: Electro
 
 
 def test_tot_saturates(camera: Electronics) -> None:
-    assert read(camera, [(3, 3, 0, 1000.0)]).hits.tot.tolist() == [LARGEST_TOT]
+    assert read(camera, [(3, 3, 0, 1000.0)]).hits.tot.tolist() == [MAX_TOT]
 
 
 @pytest.mark.parametrize(

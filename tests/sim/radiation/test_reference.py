@@ -12,7 +12,6 @@ from radron.sim.radiation.transport import projected_area_mm2
 from radron.sim.radiation.truth import CameraTruth
 
 LINE = 661.657
-ANGLES = [0, 60, 90, 180]
 
 
 def beam(angle_deg: float, interactions: int, *, fluorescence: bool = True, quota: tuple[int, int, int] | None = None) -> Events:

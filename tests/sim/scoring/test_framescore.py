@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from radron.agent.config.mission import DatumConfig
 from radron.sim.scenario import load_scenario
-from radron.sim.scoring.framescore import RECOVERY_S, FrameScore
+from radron.sim.scoring.framescore import MAX_RECOVERY_S, FrameScore
 from radron.sim.world.localization import LocalizationTruth
 from radron.sim.world.localizers import EventTruth, LiarTruth, SlamTruth, VehicleTruth
 from radron.sim.world.movingframes import MovingFrames
@@ -108,7 +108,7 @@ def test_how_long_it_takes_to_get_over_an_event():
     assert after([1.0] * 10 + [8.0] * 20 + [1.0] * 50) == pytest.approx(5.8)
     assert after([1.0] * 10 + [8.0] * 20 + [None] * 5 + [1.0] * 50) == pytest.approx(6.8)  # no hypothesis is no good one
     assert after([5.0] * 20 + [1.0] * 50, before=2.6) == 0.0  # twice the error before is allowed
-    assert after([8.0] * 400) == RECOVERY_S
+    assert after([8.0] * 400) == MAX_RECOVERY_S
     assert after([]) is None
     assert watched()[0].recovery_s is None
 

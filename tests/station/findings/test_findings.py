@@ -35,7 +35,7 @@ from radron.station.findings.command import write_report
 from radron.station.findings.earth import geojson
 from radron.station.findings.facts import FindingsError, Source, gather
 from radron.station.findings.html import report_html
-from radron.station.findings.n42 import WINDOW_NS, spectrum_of
+from radron.station.findings.n42 import MEASUREMENT_NS, spectrum_of
 from radron.station.findings.ondemand import reports
 from radron.station.findings.seal import others, verify
 from radron.station.findings.tables import utc
@@ -116,13 +116,13 @@ def test_an_independent_reader_finds_the_spectra_in_the_n42(findings, folder):
     read.loadFile(str(folder / "spectra.n42"), SpecUtils.ParserType.Auto)
     expected = {}
     for exposure, place in zip(findings.exposures, findings.places, strict=True):
-        expected.setdefault((exposure.drone, exposure.stamp_ns // WINDOW_NS), []).append((exposure, place))
+        expected.setdefault((exposure.drone, exposure.stamp_ns // MEASUREMENT_NS), []).append((exposure, place))
     measurements = list(read.measurements())
     assert len(measurements) == len(expected)
     total = 0
     for measured in measurements:
         began = measured.startTime()
-        key = measured.detectorName(), int(np.datetime64(began, "ns").astype(np.int64)) // WINDOW_NS
+        key = measured.detectorName(), int(np.datetime64(began, "ns").astype(np.int64)) // MEASUREMENT_NS
         exposures = [exposure for exposure, _ in expected[key]]
         assert list(measured.gammaCounts()) == spectrum_of(exposures).tolist()
         assert measured.liveTime() == pytest.approx(sum(each.live_time_s for each in exposures), abs=1e-3)

@@ -1,7 +1,7 @@
 import msgspec
 
 from radron.station.picture.frame import ConeCurve, DroneFrame, Frame
-from radron.station.picture.history import CONES_MS, FRAME_MS, MOST_CONES, RASTER_MS, History
+from radron.station.picture.history import CONES_MS, FRAME_MS, MAX_DRAWN_CONES, RASTER_MS, History
 
 
 def frame(at_ms, x=0.0):
@@ -49,4 +49,4 @@ def test_the_cones_of_a_time_are_found_in_the_order_in_which_they_came_and_the_n
 
     assert times(9_990, 10_060) == [10_000, 10_025, 10_050]
     assert times(19_900, 30_000) == [19_925, 19_950, 19_975]  # not packed yet
-    assert times(10_000 - CONES_MS, 10_000) == list(range(10_000 - (MOST_CONES - 1) * 25, 10_001, 25))
+    assert times(10_000 - CONES_MS, 10_000) == list(range(10_000 - (MAX_DRAWN_CONES - 1) * 25, 10_001, 25))

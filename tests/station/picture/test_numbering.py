@@ -4,7 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from radron.station.picture.frame import SourceFrame
-from radron.station.picture.numbering import APART_M, KNOWN_MS, Numbering, numbered
+from radron.station.picture.numbering import KNOWN_MS, SAME_SOURCE_M, Numbering, numbered
 
 CS = SourceFrame(
     place=(10.0, 20.0, 0.0),
@@ -48,7 +48,7 @@ def test_a_nuclide_that_is_corrected_is_the_same_source(numbers):
 def test_a_new_source_does_not_get_the_number_of_one_that_is_still_shown(numbers):
     assert numbers(CS, IR, at_ms=0) == [1, 2]
     assert numbers(IR, at(CO, 90.0), at_ms=1_000) == [2, 3]
-    assert numbers(IR, at(CO, 90.0), at(CS, 10.0 + 0.9 * APART_M), at_ms=2_000) == [2, 3, 1]  # present again
+    assert numbers(IR, at(CO, 90.0), at(CS, 10.0 + 0.9 * SAME_SOURCE_M), at_ms=2_000) == [2, 3, 1]  # present again
     assert numbers(IR, at_ms=3_000) == [2]
     assert numbers(IR, at(CO, 70.0), at_ms=2_000 + KNOWN_MS - 1) == [2, 4]
     assert numbers(IR, at(CS, 30.0), at_ms=3_000 + 3 * KNOWN_MS) == [1, 2]  # nothing is known any more

@@ -11,7 +11,7 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import Action, Answer, Obeyed, Stage, Status, Ticket, Upload
 from radron.protocol.signing import Verifier, sign_command, sign_status
 from radron.station.findings.facts import BY_DRONES, UNHEARD, of_station
-from radron.station.picture.orders import MOST_REFUSED, MOST_TOLD, OBEYED, OVERTAKEN, TAKEN, UNSURE
+from radron.station.picture.orders import MAX_OBEYED_OF_DRONE, MAX_REFUSED_ORDERS, OBEYED, OVERTAKEN, TAKEN, UNSURE
 from radron.station.picture.picture import Picture
 
 D1, D2 = {"d1": Ticket("0" * 16, 5)}, {"d2": Ticket("0" * 16, 9)}
@@ -147,10 +147,10 @@ def test_an_upload_by_another_station_that_a_drone_then_refuses_is_not_told_as_o
 
 def test_a_flood_of_orders_that_nobody_obeys_is_kept_in_bounds(picture):
     trust = AUTHORITY.trust("d1")
-    for number in range(MOST_REFUSED + 20):
+    for number in range(MAX_REFUSED_ORDERS + 20):
         picture.receive(*hold(station=f"s{number}", trust=trust), START_NS)
         picture.receive(*hold(station=f"s{number}", trust=trust, after_s=1), START_NS)
-    assert len(picture.orders.heard) == MOST_REFUSED
+    assert len(picture.orders.heard) == MAX_REFUSED_ORDERS
 
 
 def obeyed(number=5, order="hold", station="bert", after_s=0):
@@ -218,6 +218,6 @@ def test_an_obeyed_order_that_its_drone_has_not_signed_or_that_does_not_fit_is_n
 
 
 def test_a_drone_that_names_one_operator_after_another_is_kept_in_bounds(picture):
-    for number in range(1, MOST_TOLD + 20):
+    for number in range(1, MAX_OBEYED_OF_DRONE + 20):
         hear(picture, status("d1", number + 1, number, obeyed=obeyed(number, station=f"s{number}")), number)
-    assert len(picture.orders.heard) == MOST_TOLD
+    assert len(picture.orders.heard) == MAX_OBEYED_OF_DRONE

@@ -3,7 +3,7 @@ from itertools import pairwise
 import pytest
 
 from radron.station.picture.frame import DroneFrame, Frame, SourceFrame
-from radron.station.picture.overview import MOST_ROWS, TRAIL_MS, Overview
+from radron.station.picture.overview import MAX_OVERVIEW_ROWS, TRAIL_MS, Overview
 
 SOURCE = SourceFrame(
     place=(3.0, 4.0, 0.0),
@@ -35,11 +35,11 @@ def test_a_row_tells_what_is_known():
     assert Overview(2).rows() == []
 
 
-@pytest.mark.parametrize("seconds", [1, 2, MOST_ROWS, MOST_ROWS + 1, 3600])
+@pytest.mark.parametrize("seconds", [1, 2, MAX_OVERVIEW_ROWS, MAX_OVERVIEW_ROWS + 1, 3600])
 def test_the_rows_of_a_long_flight_are_thinned_and_reach_from_its_beginning_to_its_end(seconds):
     times = [row[0] // 1000 for row in overview_of(seconds).rows()]
     assert (times[0], times[-1]) == (0, seconds - 1)
-    assert len(times) <= MOST_ROWS + 1
+    assert len(times) <= MAX_OVERVIEW_ROWS + 1
     assert len({later - earlier for earlier, later in pairwise(times[:-1])}) <= 1  # even, but for the last
 
 

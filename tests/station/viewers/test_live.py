@@ -20,7 +20,7 @@ from radron.station.picture.frame import Event
 from radron.station.picture.picture import Picture
 from radron.station.viewers import live as live_module
 from radron.station.viewers.live import LiveFoxglove
-from radron.station.web.foxglove import MOST_CLIENTS, door
+from radron.station.web.foxglove import MAX_CLIENTS, door
 
 MISSION = MissionConfig(
     name="<b>m</b>",
@@ -192,14 +192,14 @@ def test_unknown_channels_and_requests_without_capability_are_without_effect(pag
 
 def test_there_is_a_limit_to_the_clients(page):
     with ExitStack() as stack:
-        for _ in range(MOST_CLIENTS):
+        for _ in range(MAX_CLIENTS):
             advertised(stack.enter_context(foxglove(page)))
         with pytest.raises(REFUSED), foxglove(page) as socket:
             socket.recv(timeout=10.0)
 
 
 def test_a_client_that_does_not_read_is_let_go(live, monkeypatch):
-    monkeypatch.setattr(live_module, "MOST_WAITING", 20)
+    monkeypatch.setattr(live_module, "MAX_WAITING_MESSAGES", 20)
     live, hub = live
     with live.joined() as client:
         live.ask(client, json.dumps({"op": "subscribe", "subscriptions": [{"id": 0, "channelId": 1}]}))

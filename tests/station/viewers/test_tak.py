@@ -167,7 +167,7 @@ def test_each_of_several_sources_has_its_mark_region_and_cordon_under_a_uid_of_i
 
 
 def test_a_lost_link_is_told_once_and_made_again(monkeypatch):
-    monkeypatch.setattr(tak, "RETRY_S", 0.01)
+    monkeypatch.setattr(tak, "RECONNECT_S", 0.01)
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
     told, lines = [], []
@@ -201,7 +201,7 @@ def test_a_lost_link_is_told_once_and_made_again(monkeypatch):
 
 
 def test_what_waits_for_a_lost_link_is_bounded(monkeypatch):
-    monkeypatch.setattr(tak, "MOST_WAITING", 10)
+    monkeypatch.setattr(tak, "MAX_WAITING_EVENTS", 10)
     outlet = Tak(Picture(MISSION, None), "tcp://127.0.0.1:9", print)
     for number in range(20):
         outlet.show(replace(FRAME, at_ms=AT_MS + 1000 * number), [], [])

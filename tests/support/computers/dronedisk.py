@@ -14,7 +14,7 @@ from fleets import FLEET, KEY, make_fleet
 from machine import Machine
 from meshes import free_port
 
-from radron.deploy.image.layout import LEAST_DISK_BYTES
+from radron.deploy.image.layout import MIN_DISK_BYTES
 from radron.deploy.remote import Host
 from radron.protocol.onboard import Computer
 
@@ -32,7 +32,7 @@ class Drone:
         self.folder, self.disk = folder, folder / "disk.img"
         self.mesh_port, self.ssh_port, self.autopilot_port = free_port(), free_port(), free_port()
         with self.disk.open("wb") as disk:
-            disk.truncate(LEAST_DISK_BYTES)
+            disk.truncate(MIN_DISK_BYTES)
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / "id")], check=True)
         text = FLEET.replace(KEY, (folder / "id.pub").read_text().strip())
         for old, new in (

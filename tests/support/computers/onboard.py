@@ -8,7 +8,7 @@ from radron.agent.update.records import Records
 from radron.agent.update.slots import Slots
 from radron.deploy.image.bootloader import FIRST_BOOT, grub_environment
 from radron.protocol.messages import Stage
-from radron.protocol.onboard import MOST_ATTEMPTS, Release, Report
+from radron.protocol.onboard import MAX_BOOT_ATTEMPTS, Release, Report
 
 OLD = Release(version="0.1.0", build="20261101T000000Z-aaaaaaaaaaaa")
 NEW = Release(version="0.2.0", build="20261123T000000Z-bbbbbbbbbbbb")
@@ -34,7 +34,7 @@ class OnboardFiles:
         """Switch on: the boot loader chooses a slot, and counts the attempt (grub.cfg in Python); returns the slot."""
         found = self.variables()
         good = [slot for slot in found["ORDER"].split() if found[f"{slot}_OK"] == "1"]
-        untried = [slot for slot in good if int(found[f"{slot}_TRY"]) < MOST_ATTEMPTS]
+        untried = [slot for slot in good if int(found[f"{slot}_TRY"]) < MAX_BOOT_ATTEMPTS]
         slot = (untried or good or ["A"])[0]
         if untried:
             found[f"{slot}_TRY"] = str(int(found[f"{slot}_TRY"]) + 1)

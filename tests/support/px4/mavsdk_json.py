@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import development as mavlink
 
-EVENT_ID, EVENT_CRC_EXTRA = 410, 160
+EVENT_ID = 410
 HEAD_BYTES, CHECKSUM_BYTES = 10, 2
 _EVENT = struct.Struct("<IIHBBB40s")
 

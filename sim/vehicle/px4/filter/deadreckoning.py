@@ -23,7 +23,7 @@ from radron.sim.world.localization import Localization
 DRIFT_MPS = (0.1, 0.8)  # initial velocity error
 DRIFT_MPS2 = (0.08, 0.35)  # its growth: tilt and accelerometer errors
 ASIDE_RAD = 0.5  # largest angle between the two
-NOTICED_S = (0.22, 0.25)  # delay beyond EKF2_NOAID_TOUT
+AIDING_END_DELAY_S = (0.22, 0.25)  # delay beyond EKF2_NOAID_TOUT
 GIVEN_UP_S = 2.32  # beyond EKF2_NOAID_TOUT: the fusion has stopped
 AT_REST_S = 2.7  # after disarming
 TAKEN_S = (0.28, 0.4)  # delay after the return until they are used, with the position known throughout
@@ -116,7 +116,7 @@ class DeadReckoning:
         rng = self._rng
         self._begin(_Phase.BLIND)
         self._blind_s = 0.0
-        self._notice_s = float(rng.uniform(*NOTICED_S))
+        self._notice_s = float(rng.uniform(*AIDING_END_DELAY_S))
         angle = float(rng.uniform(0.0, tau))
         aside = angle + float(rng.uniform(-ASIDE_RAD, ASIDE_RAD))
         self.velocity_mps = self.velocity_mps + rng.uniform(*DRIFT_MPS) * np.array([cos(angle), sin(angle), 0.0])

@@ -19,12 +19,12 @@ from radron.sim.geometry import Vector3
 from radron.sim.vehicle.px4.parameters import Parameters
 from radron.sim.vehicle.px4.state import Message
 
-GAIN = 0.2  # of one pose
+POSE_GAIN = 0.2  # of one pose
 GATE_M, GATE_RAD = 1.0, 0.5
 FAILING_S = 1.0  # no_aid_timeout_max
 BLIND_AFTER_S = 0.3  # without a pose, until errors of the inertial sensors show
 INERTIAL_MPS2 = 0.2  # accelerometer bias and a tilt error of a degree
-MEMORY_S = 0.5  # of its own past
+POSE_MEMORY_S = 0.5  # of its own past
 _POSITION = 1  # bit of EKF2_EV_CTRL
 _FRAMES = (mavlink.MAV_FRAME_LOCAL_FRD, mavlink.MAV_FRAME_LOCAL_NED)
 
@@ -80,7 +80,7 @@ class Vision:
     def step(self, now: Pose, step_s: float) -> list[Correction]:
         """Compare the poses since the last step with the vehicle's own estimate ``now``, and return the resulting corrections."""
         self._past.append(now)
-        while self._past[0].time_s < now.time_s - MEMORY_S:
+        while self._past[0].time_s < now.time_s - POSE_MEMORY_S:
             self._past.popleft()
         waiting, self._waiting = self._waiting, []
         corrections = [found for pose in waiting if (found := self._compared(pose, now)) is not None]
@@ -102,7 +102,7 @@ class Vision:
         fits = dist((x, y, z), (0.0, 0.0, 0.0)) < GATE_M and abs(turn) < GATE_RAD
         if fits and not (jumped or lost):
             self._taken_s, self._left_out_s = now.time_s, None
-            return Correction((GAIN * x, GAIN * y, GAIN * z), GAIN * turn)
+            return Correction((POSE_GAIN * x, POSE_GAIN * y, POSE_GAIN * z), POSE_GAIN * turn)
         if not (jumped or lost) and not self._has_failed(now.time_s):
             return None
         self._taken_s, self._reset_s, self._left_out_s = now.time_s, now.time_s, None

@@ -15,7 +15,7 @@ UNKNOWN: int = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 WRONG_TYPE = 7  # PX4's own number; pymavlink does not name it
 HASH = "_HASH_CHECK"  # in place of a name
 _NO_INDEX = 65_535
-_LONGEST_NAME = 16
+_MAX_NAME_LENGTH = 16
 
 
 class ParameterLink:
@@ -72,5 +72,5 @@ class ParameterLink:
 
     def _refuse(self, link: Link, message: Message, name: str, error: int) -> None:
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        content = name.encode()[:_LONGEST_NAME]
+        content = name.encode()[:_MAX_NAME_LENGTH]
         link.send(mavlink.MAVLink_param_error_message(*sender, content, getattr(message, "param_index", -1), error))

@@ -25,7 +25,7 @@ from radron.sim.vehicle.px4.modes import Mode
 from radron.sim.vehicle.px4.parameters import Parameters
 from radron.sim.vehicle.px4.state import Message, State
 
-SLOWEST_SYNC_NS = 30_000_000  # round trip; a slower answer is too inaccurate
+MAX_SYNC_ROUND_TRIP_NS = 30_000_000  # round trip; a slower answer is too inaccurate
 SYNC_WINDOW_NS = 2_000_000_000
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 _OWN_COMPONENTS = (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
@@ -251,7 +251,7 @@ class Requests:
         now_ns = self._boot_ns()
         if message.tc1 == 0:
             link.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
-        elif 0 <= now_ns - message.ts1 < SLOWEST_SYNC_NS:
+        elif 0 <= now_ns - message.ts1 < MAX_SYNC_ROUND_TRIP_NS:
             self._synchronised.append((now_ns, message.tc1 - (message.ts1 + now_ns) // 2))
             while self._synchronised[0][0] < now_ns - SYNC_WINDOW_NS:
                 self._synchronised.popleft()

@@ -90,7 +90,7 @@ GROUND_STATION_HZ: dict[int, float] = {
 }
 
 HEARTBEAT_LATE_S, HEARTBEAT_SELDOM_S, SELDOM = (-0.005, 0.018), (0.02, 0.1), 0.005  # recorded: 0.98 to 1.11 s between two
-SLOWEST_S = 2**31 * 1e-6  # longest interval in MESSAGE_INTERVAL; at a longer one a message is off
+MAX_INTERVAL_S = 2**31 * 1e-6  # longest interval in MESSAGE_INTERVAL; at a longer one a message is off
 _HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _EARLY_S = 1e-6  # tolerance for rounding, of the time of a step
 
@@ -143,7 +143,7 @@ class Schedule:
         if message not in BUILDERS or message == _HEARTBEAT:
             return False
         interval_s = self._usual.get(message) if interval_us == 0.0 else interval_us * 1e-6
-        if interval_s is None or not 0.0 <= interval_s <= SLOWEST_S:
+        if interval_s is None or not 0.0 <= interval_s <= MAX_INTERVAL_S:
             self._interval.pop(message, None)
             self._next.pop(message, None)
         else:

@@ -8,7 +8,7 @@ from event_energies import pool
 
 from radron.agent.detector.lines import CANDIDATES
 from radron.agent.detector.spectroscopy.energyscale import EnergyScale
-from radron.agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch
+from radron.agent.detector.spectroscopy.nuclidewatch import RECOGNITION_PERIOD_NS, NuclideWatch
 
 # Relative: the places of the lines are read up to 0.7 % high, the filtered readings have a sigma of 0.2 %, and a drift of 1 % a
 # minute moves on by 0.2 % before it is read.
@@ -28,7 +28,7 @@ def looked_at(watch, second, gain, *nuclides):
     rng = np.random.default_rng(second)
     measured = [rng.choice(pool(nuclide), 600) for nuclide in nuclides or ("Cs-137",)]
     watch.add(watch.scale * gain * np.concatenate((*measured, rng.choice(pool("background"), 30))))
-    watch.look(second * LOOK_NS)
+    watch.look(second * RECOGNITION_PERIOD_NS)
     return watch.problems
 
 
@@ -48,7 +48,7 @@ def test_the_scale_of_a_right_camera_stays_with_all_nuclides(nuclide):
     scale.look(0)
     for second in range(1, 9):
         scale.add(scale.factor * np.concatenate((rng.choice(pool(nuclide), 900), rng.choice(pool("background"), 45))))
-        assert not scale.look(second * LOOK_NS)
+        assert not scale.look(second * RECOGNITION_PERIOD_NS)
         assert scale.factor == pytest.approx(1.0, abs=RIGHT)
     assert scale.factor != 1.0
     assert scale.problems == ()

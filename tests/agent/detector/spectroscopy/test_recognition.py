@@ -6,7 +6,7 @@ from event_energies import pool
 
 from radron.agent.detector.lines import GAMMAS, LINES_KEV
 from radron.agent.detector.spectroscopy import recognition, residuals
-from radron.agent.detector.spectroscopy.nuclidewatch import LOOK_NS, NuclideWatch
+from radron.agent.detector.spectroscopy.nuclidewatch import RECOGNITION_PERIOD_NS, NuclideWatch
 from radron.agent.detector.spectroscopy.recognition import CANDIDATES, Recogniser
 
 FOUR = ("Cs-137", "Co-60", "I-131", "Ir-192")
@@ -140,9 +140,9 @@ def test_the_watch_tells_where_the_spectrum_contradicts_the_mission():
     watch = NuclideWatch("Cs-137")
     watch.look(0)
     watch.add(pool("Ir-192")[:1000])
-    watch.look(LOOK_NS - 1)
+    watch.look(RECOGNITION_PERIOD_NS - 1)
     assert watch.recognised is None
-    watch.look(LOOK_NS)
+    watch.look(RECOGNITION_PERIOD_NS)
     assert watch.recognised is not None
     (problem,) = watch.problems
     assert "Ir-192" in problem
@@ -150,7 +150,7 @@ def test_the_watch_tells_where_the_spectrum_contradicts_the_mission():
     agreed = NuclideWatch("Ir-192")
     agreed.look(0)
     agreed.add(pool("Ir-192")[:1000])
-    agreed.look(LOOK_NS)
+    agreed.look(RECOGNITION_PERIOD_NS)
     assert agreed.recognised == watch.recognised
     assert agreed.problems == ()
 
@@ -159,7 +159,7 @@ def test_the_watch_tells_lines_that_no_known_nuclide_has():
     watch = NuclideWatch("Cs-137")
     watch.look(0)
     watch.add(np.concatenate((pool("Cs-137")[:3000], pool("Ir-192")[:3000])))
-    watch.look(LOOK_NS)
+    watch.look(RECOGNITION_PERIOD_NS)
     assert watch.recognised is None
     (problem,) = watch.problems
     assert "lines at" in problem
@@ -195,7 +195,7 @@ def test_a_watch_with_candidates_takes_any_of_them_and_tells_of_all_else():
     unknown.add(np.concatenate((pool("Cs-137")[:1000], pool("Co-57")[:3000])))
     for watch in (several, other, unknown):
         watch.look(0)
-        watch.look(LOOK_NS)
+        watch.look(RECOGNITION_PERIOD_NS)
     assert several.problems == ()
     (problem,) = other.problems
     assert "Ir-192" in problem
@@ -218,5 +218,5 @@ def test_what_all_looks_need_is_computed_before_the_flight(monkeypatch, expected
         monkeypatch.setattr(module, name, late)
     watch.add(pool("Cs-137")[:300])
     watch.look(0)
-    watch.look(LOOK_NS)
+    watch.look(RECOGNITION_PERIOD_NS)
     assert watch.recognised is not None

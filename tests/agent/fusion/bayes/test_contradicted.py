@@ -7,7 +7,7 @@ import pytest
 from bayesflights import SOURCE, entries_of, errors_of, flown, fusion_of, hypotheses
 
 from radron.agent.fusion.bayes import contradicted
-from radron.agent.fusion.bayes.contradicted import MOST, is_contradicted, rejected
+from radron.agent.fusion.bayes.contradicted import MAX_REJECTIONS, is_contradicted, rejected
 
 S = 1_000_000_000
 OFF_M = (11.0, -7.0)
@@ -30,7 +30,7 @@ def errors_after(kit, mission, entries, since_s, until_s):
 def test_who_is_contradicted_does_not_take_the_track_along(kit, off, monkeypatch):
     mission, entries = off
     least = errors_after(kit, mission, entries, 40.0, 70.0).max()
-    monkeypatch.setattr(contradicted, "MOST", math.inf)
+    monkeypatch.setattr(contradicted, "MAX_REJECTIONS", math.inf)
     believed = errors_after(kit, mission, entries, 40.0, 70.0).max()
     assert least < 0.5
     assert believed > 3.0 * least
@@ -128,4 +128,4 @@ def test_it_ends_once_nothing_has_been_rejected_for_a_while():
     rejections = struck((1, 1, 1, 1, 1))
     ends = [second for second in range(1, 60) if not is_contradicted(rejections, sure, 0, second * S)]
     assert ends
-    assert ends[0] == pytest.approx(1 + 30 * math.log(5 / MOST), abs=1.0)
+    assert ends[0] == pytest.approx(1 + 30 * math.log(5 / MAX_REJECTIONS), abs=1.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bayesflights import SOURCE, errors_of, flown, fusion_of, hypotheses
 
-from radron.agent.fusion.bayes.doubted import MOST_SIGMA_M, RECENT_NS, of_counting
+from radron.agent.fusion.bayes.doubted import DOUBT_WINDOW_NS, MAX_DISTANCE_SIGMA_M, of_counting
 from radron.agent.fusion.bayes.motion import BIAS
 
 
@@ -26,7 +26,7 @@ def test_who_does_not_know_its_place_moves_nothing_while_others_do(kit):
 def test_who_does_not_know_its_place_counts_where_nobody_else_does(kit):
     """As where the clocks of a swarm split into halves: else nothing would be left."""
     mission = kit.mission_of()
-    entries = flown(kit, mission, of="abc", since_s=0.0, until_s=math.inf, sigma_m=MOST_SIGMA_M + 0.1)
+    entries = flown(kit, mission, of="abc", since_s=0.0, until_s=math.inf, sigma_m=MAX_DISTANCE_SIGMA_M + 0.1)
     assert hypotheses(kit, mission, entries, 70.0)[-1][1].cones > 20
 
 
@@ -51,7 +51,9 @@ def test_the_order_of_arrival_leaves_no_trace(kit):
     assert kit.same_bits(*found)
 
 
-@pytest.mark.parametrize(("later_ns", "kept"), [(0, [True, False]), (RECENT_NS, [True, False]), (RECENT_NS + 1, [True, True])])
+@pytest.mark.parametrize(
+    ("later_ns", "kept"), [(0, [True, False]), (DOUBT_WINDOW_NS, [True, False]), (DOUBT_WINDOW_NS + 1, [True, True])]
+)
 def test_the_doubt_of_a_vehicle_counts_once_no_other_is_heard(later_ns, kept):
     variance = np.tile([0.0, 0.0, 0.1, 0.1], 2)
     variance[[0, 1]], variance[[BIAS, BIAS + 1]] = 0.5, 200.0

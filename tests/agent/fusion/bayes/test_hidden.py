@@ -30,7 +30,7 @@ def test_the_level_is_forgotten_in_time() -> None:
 def test_looking_ahead_is_the_adjoint_of_the_prediction() -> None:
     """P(next | level before), averaged over the levels, is P(next) by its components."""
     rng = np.random.default_rng(1)
-    chance, likelihood = rng.dirichlet(np.ones(LEVELS))[None], rng.random((1, len(hidden.SHARE)))
+    chance, likelihood = rng.dirichlet(np.ones(LEVELS))[None], rng.random((1, len(hidden.DIRECT_SHARE)))
     ahead = hidden.given_level(likelihood, 0.5)
     assert np.vecdot(chance, ahead) == pytest.approx(np.vecdot(hidden.components(chance, 0.5), likelihood))
 

@@ -10,7 +10,7 @@ import pytest
 from shapely import Polygon, box, distance, points
 
 from radron.agent.config.estimators import BayesEstimatorConfig
-from radron.agent.fusion.bayes.grid import OUTSIDE, Grid
+from radron.agent.fusion.bayes.grid import OUTSIDE_PRIOR, Grid
 from radron.agent.fusion.bayes.response import response_of
 from radron.agent.fusion.bayes.search import SearchState
 from radron.agent.terrain.ground import Ground
@@ -139,7 +139,7 @@ def test_the_prior_covers_area_and_surroundings_once(kit):
     for area in (box(0.0, 0.0, 50.0, 50.0), corner, box(0.0, 0.0, 3.0, 200.0), box(5.0, 0.0, 400.0, 333.0)):
         grid = Grid(area, 30.0, BayesEstimatorConfig(), ground)
         assert grid.prior.sum() == pytest.approx(1.0)
-        assert grid.prior[~grid.inside].sum() == pytest.approx(OUTSIDE)
+        assert grid.prior[~grid.inside].sum() == pytest.approx(OUTSIDE_PRIOR)
         at = np.column_stack((grid.x, grid.y))
         reached = distance(points(at), area)
         assert reached.max() < 90.0 + grid.cell_m.max()

@@ -8,12 +8,12 @@ from radron.agent.config.mission import DetectionConfig
 from radron.agent.detector.chain import DetectorChain
 from radron.agent.detector.files.calibration import Calibration
 from radron.agent.detector.windows import Windows
-from radron.agent.fusion.bayes.response import Channel
+from radron.agent.fusion.bayes.response import REFERENCE_BQ, Channel
 from radron.agent.fusion.facing import MEAN_FACING, Facing
 from radron.agent.fusion.sources.bins import pooled
 from radron.agent.fusion.sources.soil import AS_TABULATED, SOFT, Sight
 from radron.agent.fusion.sources.solution import Solution
-from radron.agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
+from radron.agent.fusion.sources.spectra import KNOWN, PER_MM2, Spectra
 from radron.agent.fusion.sources.tracker import _bins, _response
 from radron.protocol.spectrum import BINS
 

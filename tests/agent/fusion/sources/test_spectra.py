@@ -6,10 +6,11 @@ import pytest
 from radron.agent.config.mission import DetectionConfig
 from radron.agent.detector.chain import DetectorChain
 from radron.agent.detector.files.calibration import Calibration
+from radron.agent.fusion.bayes.response import REFERENCE_BQ
 from radron.agent.fusion.facing import MEAN_FACING
 from radron.agent.fusion.sources.bins import pooled
 from radron.agent.fusion.sources.soil import Sight
-from radron.agent.fusion.sources.spectra import KNOWN, PER_MM2, REFERENCE_BQ, Spectra
+from radron.agent.fusion.sources.spectra import KNOWN, PER_MM2, Spectra
 from radron.protocol.spectrum import BINS, EDGES_KEV
 
 beam = pytest.importorskip("radron.sim.radiation.beam")
