@@ -148,9 +148,7 @@ class Pilot:
             self._telling.hurry(now_ns)
 
     def observe_vehicle(self, state: VehicleState) -> None:
-        """Take the newest telemetry of the autopilot. Telemetry that is not newer, not finite or out of range is counted and
-        dropped.
-        """
+        """Take the autopilot's newest telemetry. Telemetry not newer, not finite or out of range is counted and dropped."""
         if (vehicle := self._own.take(state)) is not None:
             self._executive.follow(vehicle)
 
