@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-com
 PYTEST := env -u PYTHONDONTWRITEBYTECODE $(BIN)/pytest
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test image-smoke bench table figures lint words release clean
+.PHONY: demo docs test test-slow test-all faults planted fuzz soak px4-test docker-test image-test image-smoke bench table figures lint coverage words release clean
 
 demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two minutes; results/demo/
 	$(BIN)/radron-sim live demo --seed 5 --out results/demo
@@ -75,6 +75,11 @@ lint: $(DEV)  ## style, types and import contracts
 	ln -sfn $(foreach name,agent deploy protocol sim station,$(CURDIR)/$(name)) .venv/names/radron/
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+coverage: $(DEV)  ## which lines and branches of the agent its tests run; a report, no threshold
+	mkdir -p build
+	$(BIN)/coverage run --branch --source=agent --data-file=build/coverage -m pytest -m "not slow and not long" tests/agent
+	$(BIN)/coverage report --data-file=build/coverage --skip-covered
 
 words: $(DEV)  ## how plain the prose of code and documents is, by path
 	$(BIN)/python tests/support/words.py
