@@ -55,9 +55,9 @@ class Gathering:
             self._hits.append(hits)
 
     def readout(self, start_ns: int, end_ns: int, clock_ns: int, *, later_hits: bool = True) -> Readout:
-        """Return all collected data as the readout of an interval (UTC, ns), and start collecting the next one.
+        """Return all collected data as the readout of an interval (ns), and start collecting the next one.
 
-        clock_ns: UTC time of tick 0. later_hits: whether hits after the interval's end are included; if not, they wait for the
+        clock_ns: time of tick 0. later_hits: whether hits after the interval's end are included; if not, they wait for the
         next readout (pixel hits of one interval).
         """
         hits = self._hits[0] if len(self._hits) == 1 else PixelHits.joined(self._hits)

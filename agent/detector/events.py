@@ -61,7 +61,7 @@ class EventReader:
 
     def read_few(self, clusters: list[Cluster], clock_ns: int) -> Tally:
         """Evaluate clusters (touching pixels hit by one particle), sorted by tick, one by one, and return counts, cones and
-        spectrum. clock_ns: UTC time of tick 0.
+        spectrum. clock_ns: time of tick 0.
         """
         tally = Tally()
         energies = [self._read(event, clock_ns, tally) for event in events_of(clusters, self._window_ticks)]

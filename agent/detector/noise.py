@@ -59,7 +59,7 @@ class NoiseMask:
     def without_noise(self, hits: PixelHits, clock_ns: int, since_ns: int) -> PixelHits:
         """Return the hits, sorted by time, without the hits of noisy pixels.
 
-        clock_ns: UTC time of tick 0. since_ns: UTC time before which hits are late (or have a wrong stamp); they count at that
+        clock_ns: time of tick 0. since_ns: time before which hits are late (or have a wrong stamp); they count at that
         time.
 
         A time interval of 0.1 s (beat) is evaluated when the next one begins, so that the result does not depend on how the hits

@@ -27,7 +27,7 @@ class Posed(Protocol):
 
     @property
     def stamp_ns(self) -> int:
-        """UTC."""
+        """Own time."""
 
     @property
     def position_m(self) -> Vector3:

@@ -11,8 +11,7 @@ from radron.agent.geometry import Quaternion, Vector3, blended, yaw_of
 from radron.agent.vehicle.interface import VehicleState
 
 HISTORY_NS = 5_000_000_000
-# Telemetry further apart than this gives no rate; nor does telemetry that is nearer together: its clock may have been set back.
-SLOPE_NS, SHORTEST_NS = 500_000_000, 10_000_000
+SLOPE_NS, SHORTEST_NS = 500_000_000, 10_000_000  # telemetry further apart, or nearer together, gives no rate
 AHEAD_NS = 300_000_000  # an event may be stamped this much later than the newest telemetry, which is still on its way
 GAP_NS = 1_000_000_000  # between telemetry further apart than this the position is not known
 
@@ -47,11 +46,6 @@ class PoseHistory:
         while self._stamps[0] < state.stamp_ns - HISTORY_NS:
             self._stamps.popleft()
             self._states.popleft()
-
-    def clear(self) -> None:
-        """Forget all: their stamps are of another time."""
-        self._stamps.clear()
-        self._states.clear()
 
     @property
     def newest(self) -> VehicleState | None:

@@ -28,7 +28,6 @@ from radron.agent.vehicle.grounded import Grounded
 from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.entries import CarriedFrame, Entry, Sighting
 
-SET_BACK = 5  # as many messages in a row older than known, but newer than each other: a backward clock step
 FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
 _NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
 _UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
@@ -89,23 +88,20 @@ class OwnPose:
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
         self._stated: VehicleState | None = None  # the newest telemetry, as the localisation states it
-        self._older, self._older_ns = 0, 0  # messages older than known in a row, and the stamp of the last one
         self._known: LocalFrame | None = None  # the last one known; keeps the inverse
 
     def take(self, state: VehicleState) -> VehicleState | None:
         """Take telemetry; returns it with its epoch, and with the error that a wrong clock adds to the position for others.
 
-        Telemetry that is no newer than known, not finite or out of range is counted and dropped: None. After a backward step of
-        the own clock everything known is of another time, and forgotten.
+        Telemetry that is no newer than known, not finite or out of range is counted and dropped: None.
         """
         last = self.vehicle
         if not _plausible(state):
             self._counters["telemetry_implausible"] += 1
             return None
-        if last is not None and state.stamp_ns <= last.stamp_ns and not self._set_back(state.stamp_ns):
+        if last is not None and state.stamp_ns <= last.stamp_ns:
             self._counters["telemetry_older_than_known"] += 1
             return None
-        self._older, self._older_ns = 0, 0
         before, self._stated = self._stated, state
         jumps = self._jumps.jumps
         vehicle = self._grounded.take(self._jumps.take(state))
@@ -116,16 +112,6 @@ class OwnPose:
         vehicle = self._frames.take(vehicle)
         self.history.add(vehicle)
         return vehicle
-
-    def _set_back(self, stamp_ns: int) -> bool:
-        """Whether telemetry older than known shows a backward clock step: then all knowledge of before is void."""
-        self._older = self._older + 1 if stamp_ns > self._older_ns else 1
-        self._older_ns = stamp_ns
-        if self._older < SET_BACK:
-            return False
-        self._counters["clock_set_back"] += 1
-        self.history.clear()
-        return True
 
     def take_entry(self, entry: Entry) -> None:
         """Take a new log entry: a relative observation from or of this drone relates its frame to the others'."""

@@ -13,7 +13,7 @@ from enum import StrEnum
 from msgspec import Struct
 from msgspec.structs import replace
 
-from radron.agent.lasting import begun, since
+from radron.agent.lasting import since
 from radron.agent.mission.flight import Flight
 from radron.agent.mission.transitions import REQUESTS
 from radron.agent.vehicle.grounded import STILL_NS
@@ -195,7 +195,7 @@ class Authority(Struct, frozen=True):
         """Note the autopilot's mode, for the report; ``steered``: the agent wants it in offboard."""
         lacks = self.is_released or (steered and mode is not FlightMode.OFFBOARD)
         unfollowed_ns = since(self.unfollowed_since_ns, now_ns, holds=lacks)
-        mode_ns = begun(self.mode_since_ns if mode is self.mode else None, now_ns)
+        mode_ns = since(self.mode_since_ns if mode is self.mode else None, now_ns, holds=True)
         if (mode, mode_ns, unfollowed_ns) == (self.mode, self.mode_since_ns, self.unfollowed_since_ns):
             return self
         return replace(self, mode=mode, mode_since_ns=mode_ns, unfollowed_since_ns=unfollowed_ns)
@@ -230,8 +230,8 @@ class Authority(Struct, frozen=True):
     def _event(self, view: View) -> Event | None:
         """Derive the event from telemetry and time."""
         now_ns, mode = view.now_ns, view.vehicle.mode
-        held = self.held_ns is not None and 0 <= now_ns - self.held_ns < OWN_HOLD_NS
-        is_stale = view.flight.position_loss.stays or held or 0 <= now_ns - view.flight.since_ns <= STALE_NS
+        held = self.held_ns is not None and now_ns - self.held_ns < OWN_HOLD_NS
+        is_stale = view.flight.position_loss.stays or held or now_ns - view.flight.since_ns <= STALE_NS
         if view.cut_short or (mode is view.modes[-1] and not is_stale):
             return Event.REACHED
         if self.state is State.OWN_HOLD:
@@ -240,7 +240,7 @@ class Authority(Struct, frozen=True):
             return None
         if mode in view.modes:
             return Event.SHOWN
-        return None if 0 <= now_ns - self.since_ns < REGAIN_NS else Event.TIME_UP
+        return None if now_ns - self.since_ns < REGAIN_NS else Event.TIME_UP
 
     def _is_foreign(self, view: View) -> bool:
         """Whether a pilot, a ground station or a failsafe has chosen the autopilot's mode. Before arming, any mode is fine."""

@@ -38,5 +38,5 @@ class Braking(Struct, frozen=True):
         slow_ns = since(self.slow_since_ns, now_ns, holds=hypot(*vehicle.velocity_mps) <= _STILL_MPS)
         rests = slow_ns is not None and now_ns - slow_ns >= _SETTLED_NS
         is_steered = vehicle.mode is FlightMode.OFFBOARD and vehicle.position_trusted
-        is_in_time = self.begun_ns is not None and 0 <= now_ns - self.begun_ns < _LONGEST_NS
+        is_in_time = self.begun_ns is not None and now_ns - self.begun_ns < _LONGEST_NS
         return Braking(slow_ns, self.begun_ns if is_in_time and is_steered and not rests else None)

@@ -97,7 +97,7 @@ class Executive:
         vehicle, stage = self._own.vehicle, self.stage
         if stage not in RETURNING or vehicle is None or self._mission.released:
             return stage is Stage.LANDED
-        return abs(now_ns - vehicle.stamp_ns) <= TELEMETRY_AGE_NS and vehicle.mode in MODES[stage]
+        return now_ns - vehicle.stamp_ns <= TELEMETRY_AGE_NS and vehicle.mode in MODES[stage]
 
     @property
     def reckoning(self) -> Reckoning | None:
@@ -338,7 +338,7 @@ class Executive:
         if request is not Request.OFFBOARD or vehicle is None:
             self._navigator.rest(now_ns, peers)
             return Decision(VehicleCommand(request, takeoff_height_m=height_m))
-        if abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:  # stamps of the future: this computer's clock was set back
+        if now_ns - vehicle.stamp_ns > TELEMETRY_AGE_NS:
             self._navigator.rest(now_ns, peers)
             return Decision(VehicleCommand(self._request_blind(vehicle, now_ns)))
         believed = self._left if self._revoked else focus(self._world.fusion.hypothesis, self._config)

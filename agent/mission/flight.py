@@ -84,7 +84,6 @@ class Flight(Struct, frozen=True):
         """Take the newest telemetry; the stage stays."""
         return replace(
             self,
-            took_part_ns=min(self.took_part_ns, now_ns),  # a later time is from before the clock was set back
             was_armed=self.was_armed or vehicle.armed,
             position_loss=self.position_loss.observed(vehicle, now_ns, battery_low=battery_low),
             braking=self.braking.observed(vehicle, now_ns),

@@ -51,7 +51,7 @@ class PositionLoss(Struct, frozen=True):
             return self._confirmed(vehicle)
         lost_ns, flew, least_m, lands = 0, vehicle.in_air, vehicle.height_m, self.lands
         if self.lost_ns is not None:
-            passed_ns = min(max(now_ns - self.last_ns, 0), _LONGEST_STEP_NS)  # the clock may have been set
+            passed_ns = min(now_ns - self.last_ns, _LONGEST_STEP_NS)
             falls = not vehicle.healthy and vehicle.mode is FlightMode.LAND
             lost_ns, flew = self.lost_ns + passed_ns, self.flew or vehicle.in_air
             least_m = self.least_m - (FALL_MPS * passed_ns * 1e-9 if falls else 0.0)

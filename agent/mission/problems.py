@@ -47,7 +47,7 @@ class Problems:
         problems = []
         if vehicle is None:
             problems.append("no telemetry from the vehicle yet")
-        elif abs(now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:
+        elif now_ns - vehicle.stamp_ns > TELEMETRY_AGE_NS:
             problems.append("no new telemetry from the vehicle")
         elif not vehicle.healthy:
             flying = vehicle.armed or vehicle.in_air

@@ -132,7 +132,6 @@ class Reporter:
 
     def _is_due(self, kind: type[Message], now_ns: int) -> bool:
         period_ns = _PERIODS_NS[kind]
-        self._due_ns[kind] = min(self._due_ns[kind], now_ns + period_ns)  # a later time is from before the clock was set back
         if now_ns < self._due_ns[kind]:
             return False
         self._due_ns[kind] = max(self._due_ns[kind] + period_ns, now_ns - now_ns % period_ns + period_ns)

@@ -27,7 +27,6 @@ class Reserve(Struct, frozen=True):
     drone: str
     reserve: float
     low: tuple[int, float] | None = None
-    newest_ns: int = 0
     is_low: bool = False
     is_spent: bool = False
     returns: bool = False
@@ -49,15 +48,14 @@ class Reserve(Struct, frozen=True):
         level = vehicle.battery if vehicle is not None else None
         if level is None or level >= self.reserve:
             return Reserve(self.drone, self.reserve)
-        was_set_back = now_ns < self.newest_ns  # the clock
-        since_ns, then = low = (now_ns, level) if self.low is None or was_set_back else self.low
+        since_ns, then = low = (now_ns, level) if self.low is None else self.low
         if now_ns - since_ns < _SURE_NS:
-            return Reserve(self.drone, self.reserve, low, now_ns)
+            return Reserve(self.drone, self.reserve, low)
         drain_ps = max(0.0, then - level - _STEP) / ((now_ns - since_ns) * 1e-9) if now_ns - since_ns >= _SPAN_NS else 0.0
         at_home = level - drain_ps * (way_home_s + _LANDING_S)
         is_spent = at_home < _SPENT * self.reserve and level < _URGENT * self.reserve
         is_next = not (unheard or any(map(self._goes_first, statuses.values())))
-        return Reserve(self.drone, self.reserve, low, now_ns, True, is_spent, at_home < _URGENT * self.reserve or is_next)
+        return Reserve(self.drone, self.reserve, low, True, is_spent, at_home < _URGENT * self.reserve or is_next)
 
     def _goes_first(self, other: Status) -> bool:
         if other.stage in ON_GROUND:

@@ -104,7 +104,6 @@ class Revoking:
 
     def due(self, now_ns: int) -> tuple[Revoked, ...]:
         """Return the revocations to be passed on now."""
-        self._due_ns = min(self._due_ns, now_ns + PERIOD_NS)  # a later time is from before the clock was set back
         if not self.held or now_ns < self._due_ns:
             return ()
         self._due_ns = now_ns + PERIOD_NS

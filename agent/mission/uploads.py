@@ -73,7 +73,7 @@ class Uploads:
         if ground.stage not in ON_GROUND:
             return f"its mission has begun ({ground.stage})"
         vehicle = ground.vehicle
-        if vehicle is None or abs(ground.now_ns - vehicle.stamp_ns) > TELEMETRY_AGE_NS:
+        if vehicle is None or ground.now_ns - vehicle.stamp_ns > TELEMETRY_AGE_NS:
             return "no telemetry tells whether its vehicle is disarmed"
         if vehicle.armed or vehicle.in_air:
             return "its vehicle is armed"

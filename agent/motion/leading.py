@@ -50,7 +50,7 @@ class Leading:
         """
         if not isfinite(sum(place) + sum(velocity)):
             return self._place or (0.0, 0.0), (0.0, 0.0)
-        elapsed_s = max(0.0, (now_ns - self._known_ns) * 1e-9)
+        elapsed_s = (now_ns - self._known_ns) * 1e-9
         self._known_ns = now_ns
         if elapsed_s > _FORGET_S:
             self._place = None

@@ -91,7 +91,7 @@ class Orbit:
         """Change radius and height gradually towards the circle that is best for the present source estimate.
 
         Args:
-            now_ns: UTC.
+            now_ns: own time.
             rms_m: RMS position error of the source estimate.
             activity_bq: of the source, if known.
             lost: the circle may be wider than configured: the source is only known to be within ``rms_m``.
@@ -100,7 +100,7 @@ class Orbit:
             least_m: minimum height, though lower is better.
         """
         passed_s = 0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) * 1e-9
-        elapsed_s = min(max(passed_s, 0.0), _LONGEST_S)  # less than none where the clock was set back
+        elapsed_s = min(passed_s, _LONGEST_S)
         self._stamp_ns = now_ns
         radius_m = ring_m or self._wanted(rms_m, activity_bq, lost)
         height_m = max(self._lowest_m, least_m, self._config.height_m * min(radius_m / self._config.radius_m, 1.0))

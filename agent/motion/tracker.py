@@ -111,7 +111,7 @@ class Tracker:
         """Compute a new plan for the next seconds.
 
         Args:
-            now_ns: UTC; the reference begins now.
+            now_ns: own time; the reference begins now.
             state: the vehicle's own measured position and velocity.
             reference: path to fly; may be infeasible.
             peers: the other drones' plans.

@@ -74,7 +74,7 @@ class DragFilter:
         """Process telemetry of the flight."""
         thrust = horizontal_thrust(vehicle.quaternion)
         last = self._last
-        follows = last is None or 0 <= vehicle.stamp_ns - last.stamp_ns <= _GAP_S * 1e9  # or after a clock step backward
+        follows = last is None or vehicle.stamp_ns - last.stamp_ns <= _GAP_S * 1e9
         if last is not None and (vehicle.epoch != last.epoch or not follows):
             self.interrupt(turned=vehicle.epoch != last.epoch)
         if thrust is None:

@@ -10,7 +10,6 @@ import numpy as np
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import MissionConfig
 from radron.agent.geometry import Array, Vector3
-from radron.agent.lasting import begun
 from radron.agent.localization.ownpose import LocalFrame, OwnPose
 from radron.agent.motion.braking import comes_to_rest
 from radron.agent.motion.reference import PeerState, Reference
@@ -243,7 +242,7 @@ class Guidance:
         anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: at its position. All drones climb
         before any search begins: separation may push climbing drones along, through the layer of an earlier search.
         """
-        self._above_ns = begun(self._above_ns, moment.now_ns)
+        self._above_ns = moment.now_ns if self._above_ns is None else self._above_ns
         all_are_there = moment.now_ns - self._above_ns >= self._climb_ns
         if all_are_there and abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M:
             found = self._survey(moment, state, partners, frame)

@@ -112,7 +112,7 @@ class Home:
     def watch(self, vehicle: VehicleState) -> None:
         """Process the newest telemetry of a return: note the time near home, and over it."""
         place, now_ns = self.in_local, vehicle.stamp_ns
-        interrupted = not 0 <= now_ns - self._watched_ns <= _GAP_NS  # or after a clock step backward
+        interrupted = now_ns - self._watched_ns > _GAP_NS
         self._watched_ns = now_ns
         if interrupted:
             self._nearest_m, self._nearest_ns = inf, now_ns

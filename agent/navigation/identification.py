@@ -85,7 +85,7 @@ class ResponseEstimator:
         elapsed_s = (vehicle.stamp_ns - self._stamp_ns) * 1e-9 if self._stamp_ns is not None else 0.0
         self._stamp_ns = vehicle.stamp_ns
         wanted = min(max(self._drag.drag_ps, 0.0), 3.0) if self._drag.fits else self._config.drag_ps
-        known, most = self.response.drag_ps, _RAMP_PS2 * min(max(elapsed_s, 0.0), 1.0)  # or after a clock step backward
+        known, most = self.response.drag_ps, _RAMP_PS2 * min(elapsed_s, 1.0)
         if wanted != known:
             self.response = replace(self.response, drag_ps=known + min(max(wanted - known, -most), most))
 

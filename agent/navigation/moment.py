@@ -30,15 +30,15 @@ class Moment(Struct, frozen=True):
     @property
     def stage_s(self) -> float:
         """Duration of the stage so far."""
-        return max(0.0, (self.now_ns - self.since_ns) * 1e-9)  # or after a clock step backward
+        return (self.now_ns - self.since_ns) * 1e-9
 
     @property
     def here(self) -> PeerState:
         """Position and velocity of the vehicle now, local frame. Prediction goes on without telemetry: the vehicle flies on, and
-        other drones come nearer. Stamps of the future precede a clock step backward.
+        other drones come nearer.
         """
         (x, y, z), (u, v, w) = self.vehicle.position_m, self.vehicle.velocity_mps
-        age_s = min(max(0.0, 1e-9 * (self.now_ns - self.vehicle.stamp_ns)), _OLDEST_S)
+        age_s = min(1e-9 * (self.now_ns - self.vehicle.stamp_ns), _OLDEST_S)
         return PeerState((x + age_s * u, y + age_s * v, z + age_s * w), (u, v, w))
 
 

@@ -166,7 +166,7 @@ class Navigator:
         """Note that the vehicle is under other control; the next step starts from its position then."""
         self._tracker, self._was_steered, self.reckoning = None, False, None
         self._neighbourhood.absence = None
-        if not 0 <= self._due_ns - now_ns <= REPLAN_NS:  # or after a clock step backward
+        if now_ns > self._due_ns:
             self._due_ns = now_ns + REPLAN_NS
             self._neighbourhood.follow(peers)
 
@@ -188,10 +188,9 @@ class Navigator:
         if self._tracker is None:
             self._begun_ns = moment.now_ns
         is_steered, due = self._is_steered(moment), moment.now_ns >= self._due_ns
-        is_set_back = self._due_ns - moment.now_ns > REPLAN_NS  # clock step: setpoints would run backwards along the plan
         has_leapt = self._tracker is not None and self._has_leapt(self._tracker, moment)
         self._stepped_ns = moment.now_ns
-        if self._tracker is None or self._epoch != moment.vehicle.epoch or is_set_back or (due and not is_steered):
+        if self._tracker is None or self._epoch != moment.vehicle.epoch or (due and not is_steered):
             self._guidance.begin()
             self._tracker = self._begin(moment.vehicle, moment.here)
         elif has_leapt:  # telemetry may have stamps by the former clock

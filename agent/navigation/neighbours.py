@@ -205,7 +205,7 @@ class Neighbourhood:
     def _is_expected(self, name: str, now_ns: int) -> bool:
         """Whether a drone never heard has been able to fly for less than a second."""
         expected_ns = self._beliefs[name].expected_ns
-        return expected_ns is not None and 0 <= now_ns - expected_ns < SILENT_NS
+        return expected_ns is not None and now_ns - expected_ns < SILENT_NS
 
     def _recall(self, name: str, peer: Peer, news: LastNews, now_ns: int) -> None:
         """Restore the last messages of a drone without a link since a restart of this agent; its frame is known from before."""

@@ -182,7 +182,7 @@ class InformedSearch:
         """Return the positions and velocities (steps + 1, 2) to follow from here; None: fly lanes instead.
 
         Args:
-            now_ns: UTC.
+            now_ns: own time.
             position: of this drone.
             velocity: its velocity.
             others: positions of the other searching drones.
@@ -199,7 +199,7 @@ class InformedSearch:
         if outlook is None:
             self._follower = None
             return None
-        if self._follower is None or now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:  # or after a clock step
+        if self._follower is None or now_ns >= self._due_ns:
             self._due_ns, self._progress = now_ns + LOOK_NS, 0.0
             self._follower = self._way(outlook, position, velocity, others, walls)
         length_m = self._follower.length_m
@@ -274,7 +274,7 @@ class CoverageLog:
             self._since_ns, self._epoch = now_ns, epoch
         if not self._points or _apart(self._points[-1], position) >= POINT_M:
             self._points.append(position)
-        if told is not None or 0 <= now_ns - self._since_ns < COVERAGE_S * 1e9 or len(self._points) < 2:
+        if told is not None or now_ns - self._since_ns < COVERAGE_S * 1e9 or len(self._points) < 2:
             return told
         told, self._points = (self._since_ns, epoch, tuple(self._points)), [self._points[-1]]
         self._since_ns = now_ns

@@ -43,7 +43,6 @@ class Camera:
     def problems(self, now_ns: int) -> tuple[str, ...]:
         """Return problems of the camera, or of its view, one line each. Before a flight its driver reports a missing camera."""
         if self._newest_ns is not None:
-            self._newest_ns = min(self._newest_ns, now_ns)  # the clock may have been set back
             self._is_silent = self._is_silent or now_ns - self._newest_ns > _SILENT_NS
         told = ("camera: it delivers nothing any more",) if self._is_silent else ()
         seen = (self._chain.noise, self._chain.dead_blocks, self._observer, self._watch)

@@ -49,7 +49,7 @@ class Grounded:
         """Return the message to the operator if the vehicle moves although it reports to have landed or to be disarmed; else
         None.
         """
-        if self._refused_ns is None or not 0 <= now_ns - self._refused_ns < _TOLD_NS:
+        if self._refused_ns is None or now_ns - self._refused_ns >= _TOLD_NS:
             return None
         return "its autopilot reports that it has landed or is disarmed, but it flies by its position: not believed"
 

@@ -77,7 +77,7 @@ class LaunchSurvey:
     ) -> None:
         """Take a position of the autopilot (NED, m, its local frame), and update the launch place.
 
-        now_s: a clock that never goes back. booted_ns: the autopilot's boot time (UTC). resets: its present count of resets of
+        now_s: a clock that never goes back. booted_ns: its boot, own time. resets: its present count of resets of
         the position filter.
         """
         if self._place is None and self._stored is not None and resets is not None:

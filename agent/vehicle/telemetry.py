@@ -100,7 +100,7 @@ class Telemetry:
     def receive(self, message: Message, arrival_ns: int, arrival_s: float) -> VehicleState | None:
         """Take a message of the autopilot. A position returns a new vehicle state once all other parts of the state are known.
 
-        arrival_ns, arrival_s: time of arrival, UTC, and by a clock that never goes back.
+        arrival_ns, arrival_s: time of arrival, own time, and by a clock that never goes back.
         """
         if arrival_s - self._heard_s > MISSING_S and not self.awaits_mode(arrival_s):
             self._back_s = arrival_s

@@ -218,7 +218,7 @@ class T3paReader:
 def readouts(reader: T3paReader, clock_ns: int = 0) -> Iterator[Readout]:
     """Yield the hits of a file as contiguous readouts (pixel hits of one interval), from the first hit on.
 
-    clock_ns: UTC time of tick 0; the detector's clock may have run for long before the measurement began. A readout ends 1 ms
+    clock_ns: time of tick 0; the detector's clock may have run for long before the measurement began. A readout ends 1 ms
     before the latest hit read so far, because later rows may still contain hits of this last millisecond.
     """
     gathering = Gathering()

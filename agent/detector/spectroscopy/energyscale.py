@@ -85,11 +85,11 @@ class EnergyScale:
         """
         if self._since_ns is None:
             self._since_ns = now_ns
-        elapsed_ns = now_ns - self._since_ns  # negative: the clock was set back
-        if 0 <= elapsed_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:
+        elapsed_ns = now_ns - self._since_ns
+        if elapsed_ns < _LOOK_NS or self._recent.events < _LOOK_EVENTS:
             return False
         counts, self._recent, self._since_ns = self._recent.counts, Recogniser(), now_ns
-        self._covariance[0, 0] += DRIFT_SIGMA**2 * max(0.0, 1e-9 * elapsed_ns)
+        self._covariance[0, 0] += DRIFT_SIGMA**2 * 1e-9 * elapsed_ns
         if not self._nuclides:
             return False
         near = read(counts, self._nuclides, NEAR_READINGS, MIN_LINE_EVIDENCE)

@@ -49,7 +49,7 @@ def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Cal
     Args:
         sightings: of one drone by this one.
         epoch: of the own frame; sightings of another epoch are not used.
-        now_ns: UTC.
+        now_ns: own time.
         expected: expected position at a stamp, own local frame; None if it is not known.
     """
     found = []

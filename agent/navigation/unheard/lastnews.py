@@ -23,7 +23,7 @@ class LastNews(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, pose: Pose, wall: Wall | None) -> LastNews | None:
-        """Return None if a state file cannot hold the data: a pose before a backward step of the own clock. A line with numbers
+        """Return None if a state file cannot hold the data: a pose by a peer's clock before 1970. A line with numbers
         that are not finite is left out, because JSON has none.
         """
         if pose.stamp_ns < 0:

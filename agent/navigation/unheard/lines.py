@@ -28,7 +28,7 @@ class Line(NamedTuple):
 
     def holds(self, now_ns: int) -> bool:
         """Whether the line is valid at present."""
-        return 0 <= now_ns - self.stamp_ns < self.for_ns
+        return now_ns - self.stamp_ns < self.for_ns
 
 
 def tracked_line_ns(mission: MissionConfig) -> int:

@@ -80,16 +80,6 @@ def test_a_vehicle_that_turns_as_hard_as_it_can_begins_no_epoch():
     assert set(turning(JumpDetector(8.0), [0.0, 0.0, 0.67, 0.67], yaw_sigma_rad=0.3)) == {0}  # as stated before
 
 
-@pytest.mark.parametrize("set_ms", [-48.6, -40.0, 127.0])
-def test_a_clock_that_is_set_while_the_vehicle_turns_begins_no_epoch(set_ms):
-    detector, epochs = JumpDetector(8.0), set()
-    for step in range(20):
-        half_rad, set_ns = 0.5 * 1.5 * 0.05 * step, round(set_ms * 1e6) if step >= 10 else 0
-        turned = state(START_NS + step * TICK_NS + set_ns, quaternion=(math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)))
-        epochs.add(detector.take(turned).epoch)
-    assert epochs == {0}
-
-
 def test_a_jump_within_the_stated_error_begins_no_epoch():
     detector = JumpDetector(8.0)
     flight(detector, range(5), position_sigma_m=6.0)

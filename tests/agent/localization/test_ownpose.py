@@ -111,15 +111,3 @@ def test_a_sighting_relates_a_frame_without_a_heading_to_the_others():
     seen = {"drone": "d2", "mission": "0" * 16, "boot": "1" * 16, "sequence": 1, "epoch": 0, "position_m": HERE}
     own.take_entry(Sighting(stamp_ns=START_NS, target="d1", range_m=5.0, range_sigma_m=0.1, **seen))
     assert not own.is_unplaced
-
-
-@pytest.mark.parametrize("back_s", [0.5, 5.0, 600.0])
-def test_a_clock_that_is_set_back_costs_a_few_messages_not_the_time_until_it_catches_up(own, back_s):
-    """As when a wrong clock is corrected in flight. A single old message is dropped as before."""
-    then_ns = START_NS + 6 * TICK_NS - round(back_s * SECOND)
-    taken = [own.take(state(then_ns + tick * TICK_NS, position=HERE)) for tick in range(8)]
-    assert [one is None for one in taken] == [True] * 4 + [False] * 4
-    assert own.vehicle.stamp_ns == then_ns + 7 * TICK_NS
-    assert own.history.span_ns[0] == then_ns + 4 * TICK_NS
-    assert own.vehicle.epoch == 0  # no jump of the localisation
-    assert in_mission(own) == pytest.approx((5.0, 5.0, 3.0))

@@ -1,7 +1,6 @@
 """The regular messages of a drone."""
 
 import numpy as np
-import pytest
 
 from radron.agent.fusion.estimator import Exclusion, Hypothesis
 from radron.agent.mission.reporter import Believed, Reporter
@@ -15,21 +14,6 @@ STATUS = Status(stamp_ns=NOW_NS, drone="d1", mission="m" * 16, boot="0" * 16, st
 
 def no_pose(_: VehicleState) -> Pose:
     raise AssertionError("no telemetry, no pose")
-
-
-@pytest.mark.parametrize("back_s", [3, 600])
-def test_a_clock_that_is_set_back_does_not_silence_the_drone(back_s: int) -> None:
-    reporter = Reporter("d1", "m" * 16, "paper")
-
-    def statuses(since_ns: int) -> int:
-        times = range(since_ns, since_ns + 5 * SECOND, SECOND // 20)
-        return sum(
-            isinstance(one, Status) for now_ns in times for one in reporter.due(now_ns, None, None, None, no_pose, lambda: STATUS)
-        )
-
-    usual = statuses(NOW_NS)
-    assert usual >= 4
-    assert statuses(NOW_NS + (5 - back_s) * SECOND) >= usual - 1
 
 
 def test_all_sources_of_an_estimate_are_published_with_their_nuclides() -> None:

@@ -110,15 +110,3 @@ def test_a_second_height_is_approached_gradually_and_left_again() -> None:
 def test_the_second_height_is_below_all_that_others_fly_above_circles(values: dict[str, object], second_m: float | None) -> None:
     mission: MissionConfig = replace(MISSION, **{"encirclement": CONFIG, "source_height_m": (0.0, 20.0), **values})
     assert second_height_m(mission) == (None if second_m is None else pytest.approx(second_m))
-
-
-def test_a_clock_that_is_set_back_leaves_the_circle_as_it_is() -> None:
-    """Its height went on as if time ran backwards, to 0.4 m below the ground."""
-    orbit, now_ns = Orbit(CONFIG, 1.0), 300 * SECOND
-    orbit.update(now_ns, 5.0, STRONG_BQ)
-    orbit.update(now_ns + SECOND // 5, 5.0, STRONG_BQ)
-    before = orbit.radius_m, orbit.height_m
-    orbit.update(now_ns - 30 * SECOND, 1.0, STRONG_BQ)
-    assert (orbit.radius_m, orbit.height_m) == before
-    orbit.update(now_ns - 29 * SECOND, 1.0, STRONG_BQ)
-    assert orbit.radius_m == pytest.approx(before[0] - 2.0)  # by 2 m/s, for a second

@@ -45,18 +45,6 @@ def test_what_a_plan_was_made_with_is_known_until_somebody_else_flies():
     assert navigator.reckoning is None
 
 
-def test_no_setpoint_runs_back_along_the_plan_where_the_clock_is_set_back():
-    """Nothing was planned for as long as it was set back, and the setpoint leapt 2.7 m back on the circle."""
-    navigator, own, frames = made()
-    local, peers = frames.mission_from_local("d1", 0).inverse(), Peers(["d2"])
-    place, velocity = local.apply_point((35.0, 25.0, 3.0)), local.rotate_direction((0.0, 5.0, 0.0))
-    vehicle = own.take(replace(state(START_NS, FlightMode.OFFBOARD, place), velocity_mps=velocity))
-    for now_ns in (START_NS, START_NS - 9 * SECOND // 10, START_NS - 8 * SECOND // 10):
-        setpoint, plan = navigator.step(Moment(now_ns, Stage.TRACK, START_NS, vehicle, hypothesis(START_NS)), peers)
-        assert dist(setpoint.position_m, place) < 1.0
-        assert (plan is None) is (now_ns == START_NS - 8 * SECOND // 10)
-
-
 @pytest.mark.parametrize("age_s", [0.0, 0.6, 0.9])
 def test_a_vehicle_that_is_not_heard_flies_on_towards_the_others(age_s):
     """By telemetry of 0.9 s ago a peer 8 m ahead seemed 4.5 m farther away, and the plan did not brake before it."""

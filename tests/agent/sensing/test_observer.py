@@ -340,7 +340,7 @@ def test_of_a_gap_in_the_telemetry_nothing_is_told(observer, history, gap_s):
     assert observer.dropped == 5 * gap_s
 
 
-def test_counts_from_before_the_clock_was_set_are_dropped(observer, history):
+def test_counts_from_before_a_gap_without_telemetry_are_dropped(observer, history):
     assert observer.observe(stretch(0.8, 1.0)) == []
     still(history, 100.0, 101.0)
     assert observer.observe(stretch(100.0, 100.2)) == []

@@ -133,13 +133,6 @@ def test_another_nuclide_with_a_line_nearby_is_no_drift(mission, nuclide, gain):
     assert watch.scale * gain == pytest.approx(1.0, abs=RIGHT)
 
 
-def test_a_jump_is_corrected_also_after_the_clock_was_set_back():
-    watch = watch_of("Cs-137")
-    looked_at(watch, 9, 1.0)
-    looked_at(watch, 5, 0.762)
-    assert watch.scale * 0.762 == pytest.approx(1.0, abs=RIGHT)
-
-
 def test_a_camera_that_has_never_seen_the_nuclide_as_it_is_is_believed():
     watch = watch_of("Cs-137")
     looked_at(watch, 1, 0.762)
