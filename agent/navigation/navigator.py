@@ -37,7 +37,7 @@ from radron.agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from radron.protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
-_GAP_NS = 300_000_000  # limit of a step: a later one follows a clock step forward, or a standstill of this agent
+_GAP_NS = 300_000_000  # limit of a step: a later one follows a standstill of this agent
 _AGE_NS = 100_000_000  # of telemetry
 _LEAP_M = 2.0  # deviation from the plan after a gap beyond which the vehicle has not flown it: the setpoint would leap by as much
 _TAKEN_UP_NS = 2_000_000_000  # from the first setpoint until the autopilot reports offboard mode
@@ -193,7 +193,7 @@ class Navigator:
         if self._tracker is None or self._epoch != moment.vehicle.epoch or (due and not is_steered):
             self._guidance.begin()
             self._tracker = self._begin(moment.vehicle, moment.here)
-        elif has_leapt:  # telemetry may have stamps by the former clock
+        elif has_leapt:
             self._guidance.leap()
             self._tracker = self._begin(moment.vehicle, PeerState(moment.vehicle.position_m, moment.vehicle.velocity_mps))
         elif due:
@@ -218,9 +218,7 @@ class Navigator:
         return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
 
     def _has_leapt(self, tracker: Tracker, moment: Moment) -> bool:
-        """Whether the plan has continued without the vehicle since the last step. Telemetry older than that step is no evidence,
-        except if a clock step forward has made it that old.
-        """
+        """Whether the plan has continued without the vehicle since the last step. Telemetry older than that step is no evidence."""
         gap_ns = moment.now_ns - self._stepped_ns
         if gap_ns < _GAP_NS or moment.now_ns - moment.vehicle.stamp_ns > gap_ns + _AGE_NS:
             return False
