@@ -218,7 +218,7 @@ class Navigator:
         return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
 
     def _has_leapt(self, tracker: Tracker, moment: Moment) -> bool:
-        """Whether the plan has continued without the vehicle since the last step. Telemetry older than that step is no evidence."""
+        """Whether the plan has continued without the vehicle since the last step. Older telemetry is no evidence."""
         gap_ns = moment.now_ns - self._stepped_ns
         if gap_ns < _GAP_NS or moment.now_ns - moment.vehicle.stamp_ns > gap_ns + _AGE_NS:
             return False

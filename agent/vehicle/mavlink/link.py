@@ -55,7 +55,7 @@ class Link:
     ) -> None:
         """Set up a link that is not open yet.
 
-        ``clock_ns``: own time; ``clock_s``: a clock that never goes back; ``system_id``: MAVLink system id of the vehicle; None: the
+        ``clock_ns``: own time; ``clock_s``: a clock that never goes back; ``system_id``: MAVLink id of the vehicle; None: the
         first vehicle heard. ``source``: IP address whose packets are accepted; None: the address of the first vehicle heard, or
         any on a loopback.
         """
