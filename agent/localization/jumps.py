@@ -86,8 +86,8 @@ class JumpDetector:
     def _turned_rad(self, last: VehicleState, state: VehicleState, step_s: float) -> float:
         """Return the jump of a heading, rad; 0 if the vehicle may have turned so.
 
-        After a clock step in between, the duration is that of the step before, not the difference of the stamps. A turn may end
-        at once, or become slower, however fast it was. A vehicle without control spins until it hits the ground.
+        Stamps of telemetry are uneven: the duration may be that of the step before. A turn may end at once, or become slower,
+        however fast it was. A vehicle without control spins until it hits the ground.
         """
         turned_rad = remainder(yaw_of(state.quaternion) - yaw_of(last.quaternion), tau)
         before, self._turning = self._turning, (turned_rad / step_s, step_s) if step_s < _LONGEST_S else None
