@@ -204,20 +204,6 @@ def test_what_was_found_before_a_restart_is_gone_on_with() -> None:
     assert estimator.response.drag_ps == pytest.approx(0.4, abs=0.1)
 
 
-def test_a_clock_that_is_set_back_while_the_drag_is_taken_up_costs_nothing() -> None:
-    """The drag that is flown by went back by as many halves as seconds: to -14.5 after 30 s."""
-    estimator, states = ResponseEstimator(ResponseConfig(drag_ps=0.1)), list(swinging(0.9, 40.0))
-    back_ns = 0
-    for state in states:
-        ramping = 0.2 < estimator.response.drag_ps < 0.8
-        back_ns = back_ns or (30 * SECOND if ramping else 0)
-        before = estimator.response.drag_ps
-        estimator.follow(replace(state, stamp_ns=state.stamp_ns + 100 * SECOND - back_ns))
-        assert abs(estimator.response.drag_ps - before) < 0.05
-    assert back_ns
-    assert estimator.response.drag_ps == pytest.approx(0.9, abs=0.1)
-
-
 def test_who_does_not_follow_is_told_until_it_does() -> None:
     estimator, now_s = ResponseEstimator(ResponseConfig()), 0.0
     assert estimator.problem is None
