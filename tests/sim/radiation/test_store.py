@@ -49,6 +49,15 @@ def test_another_sensor_is_another_bank_and_other_electronics_are_not() -> None:
     assert key(CameraTruth()) != key(CameraTruth(), "Co-60")
 
 
+def test_other_code_is_another_bank_with_the_same_random_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    cs137, camera = nuclide("Cs-137"), response(CameraTruth())
+    key, seed = store.bank_key(cs137, camera), store.bank_seed(cs137, camera)
+    monkeypatch.setattr(store, "MADE_BY", store.MADE_BY[1:])
+    assert store.bank_key(cs137, camera) != key
+    assert store.bank_seed(cs137, camera) == seed
+    assert store.bank_seed(nuclide("Co-60"), camera) != seed
+
+
 def test_a_cache_that_cannot_be_written_is_said_and_done_without(
     built: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
