@@ -15,7 +15,10 @@ from radron.sim.scoring.moment import Moment
 FREEZE_S, END_S = 30.0, 60.0
 
 
-@pytest.mark.parametrize("part_s", [22.0, 31.0])  # before, and while none of them runs
+PUSHED = pytest.mark.xfail(strict=True, reason="open defect pushed-while-climbing: 2.6 m")
+
+
+@pytest.mark.parametrize("part_s", [22.0, pytest.param(31.0, marks=PUSHED)])  # before, and while none of them runs
 def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart(part_s) -> None:
     faults = (
         {"kind": "partition", "at_s": part_s, "groups": [["d1"], ["d2"], ["d3"]]},
