@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from radron.agent.detector.files.calibration import load_flight_calibration
 from radron.agent.errors import ConfigError
+from radron.agent.navigation.home import AT_HOME_M
 from radron.agent.pilot import Pilot
 from radron.protocol.messages import Stage
 from radron.sim.faults.agents import Kill
@@ -49,7 +50,9 @@ def test_the_demo_finds_the_source_and_comes_home(demo):
     assert result.min_separation_m > 3.0
     assert set(trace.stage[-1]) <= {Stage.LANDING, Stage.LANDED}
     home = np.array([[19.0, 2.0], [25.0, 2.0], [31.0, 2.0]])
-    assert np.hypot(*(trace.position_m[-1, :, :2] - home).T).max() < 1.0
+    # home is reached by the own estimate, and known by that of the launch: three sigma of the difference of both
+    errors_m = 3.0 * np.sqrt(2.0) * load_scenario("paper-demo").localization.horizontal_m
+    assert np.hypot(*(trace.position_m[-1, :, :2] - home).T).max() < AT_HOME_M + errors_m
 
 
 def test_stages_come_in_order(demo):
