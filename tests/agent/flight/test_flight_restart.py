@@ -47,6 +47,10 @@ class Mortal:
     def ticket(self, now_ns):
         return self.pilot.ticket(now_ns)
 
+    def observe_clock(self, ahead_ns, now_ns):
+        if not self.is_dead(now_ns):
+            self.pilot.observe_clock(ahead_ns, now_ns)
+
     def observe_vehicle(self, state):
         self.modes.append(state.mode)
         if not self.is_dead(state.stamp_ns):
