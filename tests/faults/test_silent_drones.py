@@ -17,6 +17,14 @@ from radron.sim.scenario import load_scenario, override
 from radron.sim.scoring.moment import OFF_GROUND_M
 
 LEAST_M = 2.5
+TWO_SIDES = (("d1 d2", "d3"), ("d1", "d2 d3"), ("d1", "d2", "d3"))
+
+
+def open_defect(name, least):
+    """The case of an open defect in docs/defects.toml, with the least distance of two vehicles."""
+    return pytest.mark.xfail(strict=True, reason=f"open defect {name}: {least}")
+
+
 BESIDE_M = 5.0  # a vehicle that returns without its agent, in its layer, may pass over others by more than this
 
 
@@ -152,7 +160,7 @@ def test_a_swarm_that_is_split_on_its_way_to_the_circle_keeps_apart(seed, at_s, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "again_s"), [(3, 45.0), (2, 52.0)])
+@pytest.mark.parametrize(("seed", "again_s"), [pytest.param(3, 45.0, marks=open_defect("split-again", "2.2 m")), (2, 52.0)])
 def test_a_side_that_is_split_again_crosses_above_the_circle_of_those_that_it_lost_before(seed, again_s):
     """The position of d2 on the circle in between is no longer known: straight through it, d3 came to 1.0 and 0.4 m."""
     flight = fly(
@@ -191,8 +199,14 @@ def test_one_whose_circle_apart_leaves_the_fence_stays_inside_and_returns():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("groups", [("d1 d2", "d3"), ("d1", "d2 d3"), ("d1", "d2", "d3")])
-@pytest.mark.parametrize("at_s", [4.0, 25.0])
+@pytest.mark.parametrize(
+    ("at_s", "groups"),
+    [
+        *((4.0, groups) for groups in TWO_SIDES),
+        (25.0, TWO_SIDES[0]),
+        *(pytest.param(25.0, groups, marks=open_defect("sides-meet-again", "1.6 m")) for groups in TWO_SIDES[1:]),
+    ],
+)
 def test_both_sides_find_and_keep_the_source(at_s, groups):
     """In the search and around the source."""
     flight = fly(found(3, split(at_s, 30.0, *groups)), seed=2)
