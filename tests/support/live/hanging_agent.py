@@ -43,4 +43,4 @@ if __name__ == "__main__":
     die_with(int(sys.argv[-1]))
     from radron.agent.shell.running import run_agent
 
-    os._exit(run_agent(sys.argv[1], False, Heartbeat(HEARTBEAT_FD), lambda _: HangingCamera()))
+    os._exit(run_agent(sys.argv[1], False, Heartbeat(HEARTBEAT_FD), lambda *_: HangingCamera()))
