@@ -66,7 +66,7 @@ def test_a_flight(start: Start, tmp_path: Path, steps: int) -> None:
     assert output in ("", "Solver interrupted\n")  # OSQP says so where the signal went to another thread
     progress = ("x real time", "preparing")
     said = [line for line in errors.splitlines() if not any(words in line for words in progress)]
-    assert said == ["demo: interrupted; nothing is written"]
+    assert said == ["paper-demo: interrupted; nothing is written"]
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
