@@ -100,14 +100,13 @@ class Neighbourhood:
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
         """Return all drones in the air with a known position, by id; then as seen from the alternative position of this drone."""
-        found, missing = self._seen_from(peers, me)
-        links = {name: link_state(peers[name], self._id, me.now_ns, revoked=me.revoked) for name in peers.names}
+        found, missing, links = self._seen_from(peers, me)
         self.listens = any(link is LinkState.NEVER_HEARD and self._is_expected(name, me.now_ns) for name, link in links.items())
         partners = [one.id for one in found if one.takes_part]
         misses = missing or (me.returning_s is not None and self._silent.returning(peers, links, me.now_ns))
         self.absence = self._silent.absence(missing, partners, peers, links, me.now_ns) if misses else None
         if (elsewhere := me.elsewhere()) is not None:
-            others, _ = self._seen_from(peers, elsewhere)
+            others, _, _ = self._seen_from(peers, elsewhere)
             new = [one for one in others if not any(_is_same(one, known, me.now_ns) for known in found)]
             found += [replace(one, takes_part=False) for one in new]
             if self.absence is not None and me.local_from_mission is not None and elsewhere.local_from_mission is not None:
@@ -115,22 +114,29 @@ class Neighbourhood:
                 self.absence = self.absence.with_homes(self._silent.homes, moved)
         return found
 
-    def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str]]:
-        """Return all drones relative to this one, if its frame is right; and the missing drones."""
+    def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str], dict[str, LinkState]]:
+        """Return all drones relative to this one, if its frame is right; the missing drones; and the state of each link."""
         found: list[Neighbour] = []
         missing = []
+        links: dict[str, LinkState] = {}
         for name in peers.names:
-            others, is_missing = self._one(name, peers[name], me)
+            links[name] = self._link(name, peers[name], me)
+            others, is_missing = self._one(name, peers[name], me, links[name])
             found += others
             missing += [name] if is_missing else []
-        return found, missing
+        return found, missing, links
 
-    def _one(self, name: str, peer: Peer, me: Self) -> tuple[list[Neighbour], bool]:
-        """Return one drone, at each possible position; and whether it is missing."""
+    def _link(self, name: str, peer: Peer, me: Self) -> LinkState:
+        """Return the state of a link; after a restart of this agent in flight, with the drone's messages from before."""
         belief, link = self._beliefs[name], link_state(peer, self._id, me.now_ns, revoked=me.revoked)
         if link is LinkState.NEVER_HEARD and belief.before is not None and me.resumed and self._is_missing(name, me):
             self._recall(name, peer, belief.before, me.now_ns)
-            link = link_state(peer, self._id, me.now_ns, revoked=me.revoked)
+            return link_state(peer, self._id, me.now_ns, revoked=me.revoked)
+        return link
+
+    def _one(self, name: str, peer: Peer, me: Self, link: LinkState) -> tuple[list[Neighbour], bool]:
+        """Return one drone, at each possible position; and whether it is missing."""
+        belief = self._beliefs[name]
         if link is not LinkState.NEVER_HEARD or not me.resumed:
             belief.before = None
         if link is LinkState.ON_GROUND or peer.pose is None:
