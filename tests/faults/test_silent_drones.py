@@ -21,8 +21,8 @@ TWO_SIDES = (("d1 d2", "d3"), ("d1", "d2 d3"), ("d1", "d2", "d3"))
 
 
 def open_defect(name, least):
-    """The case of an open defect in docs/defects.toml, with the least distance of two vehicles."""
-    return pytest.mark.xfail(strict=True, reason=f"open defect {name}: {least}")
+    """The case of an open defect in docs/defects.toml, with the least horizontal distance of two vehicles."""
+    return pytest.mark.xfail(strict=True, reason=f"open defect {name}: {least} in the horizontal")
 
 
 BESIDE_M = 5.0  # a vehicle that returns without its agent, in its layer, may pass over others by more than this
@@ -204,7 +204,7 @@ def test_one_whose_circle_apart_leaves_the_fence_stays_inside_and_returns():
     [
         *((4.0, groups) for groups in TWO_SIDES),
         (25.0, TWO_SIDES[0]),
-        *(pytest.param(25.0, groups, marks=open_defect("sides-meet-again", "1.6 m")) for groups in TWO_SIDES[1:]),
+        *(pytest.param(25.0, groups, marks=open_defect("crosses-above-a-side", "1.6 m")) for groups in TWO_SIDES[1:]),
     ],
 )
 def test_both_sides_find_and_keep_the_source(at_s, groups):
