@@ -102,7 +102,7 @@ class Hypothesis(Struct, frozen=True, eq=False):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exclusion:
-    """What a search for several sources has excluded so far, beside the sources that it has found, over C cells of the area.
+    """Upper limits of a search for several sources: for further sources beside those found, over C cells of the area.
 
     limits_bq: by nuclide, the activity above which a further source is excluded in all of the area except the glare; None: no
     limit yet. left: (C,) mask of cells that may hold a source of the least searched activity, where more measurements would

@@ -106,7 +106,7 @@ class Calibration:
 
 
 def calibration_files(path: Path) -> tuple[Path, ...]:
-    """Return the files of which a calibration consists: those in its folder, or Pixet's configuration file alone."""
+    """Return the files of a calibration: the files in its folder, or Pixet's configuration file alone."""
     if not path.is_dir():
         return (path,)
     drift = path / DRIFT_FILE

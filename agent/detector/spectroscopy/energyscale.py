@@ -61,7 +61,7 @@ class EnergyScale:
             mixtures((named,), FAR)
 
     def follow(self, nuclides: tuple[str, ...]) -> None:
-        """Set the nuclides whose lines are the reference for the gain; without nuclides the reference stays as it is.
+        """Set the nuclides that give the reference lines of the gain; no nuclides keep the present reference.
 
         The lines of new nuclides get an uncertainty of their own. If all nuclides are new, the gain was found by wrong lines, and
         the calibration holds again.
