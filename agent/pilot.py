@@ -62,9 +62,9 @@ class Pilot:
     """The program that flies one drone through a mission, from the start command to the landing.
 
     It makes no I/O: the caller passes in measurements and messages, and gets messages and commands back. From a pixel hit to a
-    setpoint, in the order of the methods below: ``observe_detector`` turns hits into log entries (signed measurements),
-    ``_record`` signs, publishes and logs them, and ``receive`` logs the entries of other drones; ``advance`` updates the drones'
-    frames and the source estimate (hypothesis) with the new entries; ``step`` plans the flight by them.
+    setpoint, in the order of the methods below: ``observe_detector`` turns hits into log entries, ``_record`` signs, publishes
+    and logs them, and ``receive`` logs the entries of other drones; ``advance`` updates the drones' frames and the source
+    estimate (hypothesis) with the new entries; ``step`` plans the flight by them.
     """
 
     def __init__(

@@ -114,8 +114,8 @@ class Cone(Entry, frozen=True, kw_only=True):
     """One Compton cone: the directions from which a photon may have come that scattered in a drone's camera.
 
     A cone is evidence for the direction of the source only; the number of photons is in ``Exposure`` (paper, Sec. IV-A).
-    ``apex_m``: position of the camera, with the 1-sigma error ``apex_sigma_m``. ``separation_mm``: distance of the two clusters
-    (adjacent pixels hit by one particle). ``orders``: the two possible orders of scattering and absorption.
+    ``apex_m``: position of the camera, with the 1-sigma error ``apex_sigma_m``. ``separation_mm``: distance of the two clusters.
+    ``orders``: the two possible orders of scattering and absorption.
     """
 
     epoch: Epoch
@@ -163,8 +163,8 @@ class CarriedFrame(Struct, frozen=True, array_like=True):
 class Counts(Struct, frozen=True, array_like=True):
     """Numbers of events in a detector during an interval.
 
-    ``hits``: all clusters (adjacent pixels hit by one particle). ``photopeak``: events with the full energy of a gamma line.
-    ``coincidences``: pairs of simultaneous clusters.
+    ``hits``: all clusters. ``photopeak``: events with the full energy of a gamma line. ``coincidences``: pairs of simultaneous
+    clusters.
     """
 
     hits: Count

@@ -75,14 +75,12 @@ class Collection:
 
     @property
     def energies_kev(self) -> FloatArray:
-        """Energies (N,) in keV of N events with a single cluster (touching pixels hit by one particle)."""
+        """Energies (N,) in keV of N events with a single cluster."""
         return np.concatenate((np.empty(0), *self._energies))
 
     @property
     def blocks(self) -> NDArray[np.intp]:
-        """Part of the sensor (N,), 0 .. 15, in which each of N events with a single cluster (touching pixels hit by one particle)
-        lies; see ``energies_kev``.
-        """
+        """Part of the sensor (N,), 0 .. 15, in which each of N events with a single cluster lies; see ``energies_kev``."""
         return np.concatenate((np.empty(0, np.intp), *self._blocks))
 
     @property
@@ -99,9 +97,7 @@ class Collection:
 
     @property
     def walk_ns(self) -> FloatArray:
-        """Delays (N,) in ns of weak pixels after strong ones, in N clusters (touching pixels hit by one particle) that
-        have both.
-        """
+        """Delays (N,) in ns of weak pixels after strong ones, in N clusters that have both."""
         return np.concatenate((np.empty(0), *self._walk))
 
     def _look(self) -> None:

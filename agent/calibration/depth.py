@@ -38,8 +38,7 @@ class Drift(Struct, frozen=True):
 
 
 def fit_drift(apart_ns: Array, line_kev: float, directions: list[Array]) -> Drift | None:
-    """Fit the drift time of electrons to the time differences (N,) between the clusters of N coincidences (two clusters of one
-    photon); None with too few.
+    """Fit the drift time of electrons to the time differences (N,) between the clusters of N coincidences; None with too few.
 
     ``line_kev``: energy of the source's line. ``directions``: of the source in the camera frame, unit vectors, one for each
     facing.

@@ -38,8 +38,7 @@ class Gain(Struct, frozen=True):
 
 
 def fit_gain(energies_kev: Array, nuclide: str) -> tuple[Gain, tuple[float, float]] | None:
-    """Fit the gain, near 1, to the energies (N,) of N single clusters (touching pixels hit by one particle); return it with the
-    peak's width and charge loss.
+    """Fit the gain, near 1, to the energies (N,) of N single clusters; return it with the peak's width and charge loss.
 
     None with too few events.
     """
@@ -64,8 +63,7 @@ def fit_blocks(
 ) -> list[Gain | None]:
     """Return the gain of each of 16 parts (blocks) of the sensor; None for a part with too few events in the peak.
 
-    blocks: (N,) part of each cluster (touching pixels hit by one particle). overall, shape: gain, and width and loss of the peak,
-    for the whole sensor.
+    blocks: (N,) part of each cluster. overall, shape: gain, and width and loss of the peak, for the whole sensor.
     """
     result: list[Gain | None] = []
     for block in range(BLOCKS * BLOCKS):

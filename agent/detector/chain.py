@@ -65,9 +65,9 @@ class DetectorChain:
     def process(self, readout: Readout) -> Detections:
         """Return counts and cones of the next time interval.
 
-        The interval starts where the previous one ended. It ends with the readout (pixel hits of one interval) or, if an event is
-        held back, just before that event's first hit. Hits that arrive later than their own interval are counted in the present
-        one. Pixels without a usable calibration reduce the sensitivity: the live time is reduced by their share.
+        The interval starts where the previous one ended. It ends with the readout or, if an event is held back, just before that
+        event's first hit. Hits that arrive later than their own interval are counted in the present one. Pixels without a usable
+        calibration reduce the sensitivity: the live time is reduced by their share.
         """
         if self._start_ns is None:
             self._start_ns = readout.start_ns

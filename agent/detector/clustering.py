@@ -41,9 +41,7 @@ class Cluster(NamedTuple):
 
 
 class Clusters(Struct, frozen=True):
-    """N clusters (touching pixel hits of one particle) as arrays (N,), in the order of their earliest hits; fields as in
-    ``Cluster``.
-    """
+    """N clusters as arrays (N,), in the order of their earliest hits; fields as in ``Cluster``."""
 
     tick: NDArray[np.int64]
     energy_kev: NDArray[np.float64]
@@ -57,11 +55,11 @@ class Clusters(Struct, frozen=True):
         return len(self.tick)
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Clusters:
-        """Return the clusters (touching pixel hits of one particle) that a mask or indices select."""
+        """Return the clusters that a mask or indices select."""
         return Clusters(*(column[which] for column in self._columns))
 
     def each(self) -> list[Cluster]:
-        """Return the clusters (touching pixels hit by one particle) one by one, as a list of ``Cluster`` objects."""
+        """Return the clusters one by one, as a list of ``Cluster`` objects."""
         return [Cluster(*row) for row in zip(*(column.tolist() for column in self._columns), strict=True)]
 
     @property
@@ -78,9 +76,7 @@ def cluster_few(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: flo
 
 
 def cluster_many(hits: PixelHits, energy_kev: NDArray[np.float64], gap_ticks: float) -> Clusters:
-    """Group pixel hits into clusters (touching pixels hit by one particle) with the same result and arguments as ``cluster_few``,
-    faster for many hits.
-    """
+    """Group pixel hits into clusters with the same result and arguments as ``cluster_few``, faster for many hits."""
     return _clusters(hits, energy_kev, *_labels(hits.tick, hits.index, gap_ticks))
 
 

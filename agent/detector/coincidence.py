@@ -15,7 +15,7 @@ _MAX_CLUSTERS = 10  # one photon makes fewer; a longer event is a pile-up and is
 
 
 def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Cluster]]:
-    """Group clusters (touching pixel hits of one particle) that may come from one photon.
+    """Group clusters that may come from one photon.
 
     clusters: sorted by tick. A group continues while each cluster follows the previous one within ``window_ticks``.
     """
@@ -30,8 +30,7 @@ def events_of(clusters: Iterable[Cluster], window_ticks: float) -> list[list[Clu
 
 
 def merge_satellites(event: list[Cluster]) -> list[Cluster]:
-    """Merge small clusters (touching pixels hit by one particle) made by fluorescence with the clusters from which they came.
-    Return the result in order of time.
+    """Merge small clusters made by fluorescence with the clusters from which they came. Return the result in order of time.
 
     A photoelectric absorption in CdTe mostly emits a K photon of 23-31 keV. The photon is absorbed about 0.1 mm away, and often
     makes a small cluster of its own. Taken for a recoil electron it would yield a wrong cone; as a third cluster it would spoil a

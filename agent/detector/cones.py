@@ -88,7 +88,7 @@ def doppler_kev(energy_kev: float, photon_kev: float, cosine: float) -> float:
 def cone_event(
     stamp_ns: int, energies_kev: tuple[float, float], separation_mm: tuple[float, float, float], line: Line
 ) -> ConeEvent:
-    """Return the Compton cone of a coincidence (two clusters of one photon), with both orders of the two interactions.
+    """Return the Compton cone of a coincidence, with both orders of the two interactions.
 
     ``separation_mm``: position of cluster 1 minus cluster 2, camera frame. ``line``: the photon's gamma line.
 

@@ -38,7 +38,7 @@ class Gathering:
         self._lost_hits = self._lost_ns = self._repaired_hits = 0
 
     def __bool__(self) -> bool:
-        """Return whether there are hits that are not in a readout (pixel hits of one interval) yet."""
+        """Return whether there are hits that are not in a readout yet."""
         return bool(self._hits)
 
     def add(self, delivery: Delivery, offset: int = 0) -> None:
@@ -57,8 +57,8 @@ class Gathering:
     def readout(self, start_ns: int, end_ns: int, clock_ns: int, *, later_hits: bool = True) -> Readout:
         """Return all collected data as the readout of an interval (ns), and start collecting the next one.
 
-        clock_ns: time of tick 0. later_hits: whether hits after the interval's end are included; if not, they wait for the
-        next readout (pixel hits of one interval).
+        clock_ns: time of tick 0. later_hits: whether hits after the interval's end are included; if not, they wait for the next
+        readout.
         """
         hits = self._hits[0] if len(self._hits) == 1 else PixelHits.joined(self._hits)
         self._hits = []

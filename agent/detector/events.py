@@ -60,9 +60,7 @@ class EventReader:
         self._mm_per_tick = thickness_mm / drift_ns * TICK_NS
 
     def read_few(self, clusters: list[Cluster], clock_ns: int) -> Tally:
-        """Evaluate clusters (touching pixels hit by one particle), sorted by tick, one by one, and return counts, cones and
-        spectrum. clock_ns: time of tick 0.
-        """
+        """Evaluate clusters, sorted by tick, one by one, and return counts, cones and spectrum. clock_ns: time of tick 0."""
         tally = Tally()
         energies = [self._read(event, clock_ns, tally) for event in events_of(clusters, self._window_ticks)]
         if self._on_energies is not None:
@@ -70,9 +68,7 @@ class EventReader:
         return tally
 
     def read_many(self, clusters: Clusters, clock_ns: int) -> Tally:
-        """Evaluate many clusters (touching pixels hit by one particle) with the same result as ``read_few``, faster: isolated
-        clusters are counted as arrays.
-        """
+        """Evaluate many clusters with the same result as ``read_few``, faster: isolated clusters are counted as arrays."""
         gap = np.ones(len(clusters) + 1, np.bool_)
         gap[1:-1] = np.diff(clusters.tick) > self._window_ticks
         alone = gap[:-1] & gap[1:]

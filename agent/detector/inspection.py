@@ -38,8 +38,7 @@ class NoisyPixel(Struct, frozen=True):
 
 
 class Inspection(Struct, frozen=True, kw_only=True):
-    """A summary of the content of a recording: times, rates, pixels, clusters (touching pixels hit by one particle) and spectrum;
-    the lists are for the picture.
+    """A summary of the content of a recording: times, rates, pixels, clusters and spectrum; the lists are for the picture.
 
     pixels: hits of each pixel (65536,) by matrix index. spectrum: events in bins of 2 keV. sizes: clusters by their number of
     pixels; the last bin is for larger ones. rate: hits in successive parts of ``rate_bin_s``. dead_pixels: pixels without hits;

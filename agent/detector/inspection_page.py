@@ -111,9 +111,7 @@ def _new_figure() -> Figure:
 
 
 def draw(figure: Figure, found: Inspection) -> None:
-    """Draw the summary of a camera file: hits of each pixel, spectrum, sizes of the clusters (touching pixels hit by one
-    particle), and the rate over time.
-    """
+    """Draw the summary of a camera file: hits of each pixel, spectrum, sizes of the clusters, and the rate over time."""
     (occupancy, spectrum), (sizes, rate) = figure.subplots(2, 2)
     figure.suptitle(f"{found.file}: {found.format}, {found.hits:,} hits")
     pixels = np.array(found.pixels, np.float64).reshape(SENSOR_PIXELS, SENSOR_PIXELS)

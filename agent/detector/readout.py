@@ -97,9 +97,7 @@ class Detector(Protocol):
     """Interface of every source of pixel hits: the camera itself, a recording in real time, or the simulation's feed."""
 
     def readouts(self) -> AsyncIterator[Readout]:
-        """Yield readouts (pixel hits of one interval) as they arrive, while the detector is open. A lost link is reopened, and
-        reported in ``problems``.
-        """
+        """Yield readouts as they arrive, while the detector is open. A lost link is reopened, and reported in ``problems``."""
 
     @property
     def problems(self) -> tuple[str, ...]:

@@ -37,8 +37,8 @@ class Repeats:
         return ("camera: it delivers the same hits again and again; they are not used",) if self._hangs else ()
 
     def without(self, readout: Readout) -> Readout:
-        """Return the readout (pixel hits of one interval) if it is new. A repeated readout is returned without hits and with live
-        time 0: nothing was measured in it.
+        """Return the readout if it is new. A repeated readout is returned without hits and with live time 0: nothing was measured
+        in it.
         """
         hits = readout.hits
         if len(hits) >= MIN_COMPARED_PIXELS and len(set(hits.index[:MAX_COMPARED_HITS].tolist())) >= MIN_COMPARED_PIXELS:

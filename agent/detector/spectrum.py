@@ -25,14 +25,14 @@ class CoarseSpectrum:
         self._coincidences: Counter[int] = Counter()
 
     def add(self, energy_kev: float, coincidence: bool) -> None:
-        """Add the energy of one event; for a coincidence (two clusters of one photon) the sum of both clusters' energies."""
+        """Add the energy of one event; for a coincidence the sum of both clusters' energies."""
         if LOWEST_KEV <= energy_kev < HIGHEST_KEV:
             (self._coincidences if coincidence else self._singles)[
                 min(int((sqrt(energy_kev) - _LOW_ROOT) * _PER_ROOT), BINS - 1)
             ] += 1
 
     def add_singles(self, energy_kev: NDArray[np.float64]) -> None:
-        """Add the energies (N,) in keV of N events with a single cluster (touching pixels hit by one particle)."""
+        """Add the energies (N,) in keV of N events with a single cluster."""
         inside = energy_kev[(energy_kev >= LOWEST_KEV) & (energy_kev < HIGHEST_KEV)]
         self._singles.update(np.minimum((np.sqrt(inside) - _LOW_ROOT) * _PER_ROOT, BINS - 1).astype(int).tolist())
 

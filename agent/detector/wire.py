@@ -43,16 +43,14 @@ def pack(readout: Readout) -> bytes:
 
 
 class Unpacker:
-    """Decodes a stream of bytes, divided anywhere, into readouts (pixel hits of one interval). It buffers at most one frame
-    beside its input.
-    """
+    """Decodes a stream of bytes, divided anywhere, into readouts. It buffers at most one frame beside its input."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Readout]:
-        """Yield the readouts (pixel hits of one interval) that are complete with these further bytes; readouts before a corrupt
-        frame are yielded before the error.
+        """Yield the readouts that are complete with these further bytes; readouts before a corrupt frame are yielded before the
+        error.
 
         Raises:
             DetectorError: the bytes are not a stream of readouts; all later bytes are unusable, and the link must be reopened.

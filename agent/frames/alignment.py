@@ -84,7 +84,7 @@ class Alignment:
 
 
 def views_of(drone: int, data: Sightings, others: Array, others_var: Array, at: Array, fixes: Fixes, moving_var: Array) -> Views:
-    """Return the M sightings (relative observations) by or of ``drone`` from this drone's point of view, as input of ``align``.
+    """Return the M sightings by or of ``drone`` from this drone's point of view, as input of ``align``.
 
     others: (M, 4) poses of the other drones at the times of the sightings; others_var: (M, 2) variances of their positions (per
     axis) and headings. at: (3,) the drone's position in its continuous frame at the reference time. moving_var: (M,) m^2 of drift

@@ -17,8 +17,7 @@ _QUOTA_S, _QUOTA_RATE, _MAX_CHARGE_S = 120.0, 4.0, 60.0
 
 
 class Batches:
-    """Decides when log entries (signed measurements) that arrive late are processed: in batches, at fixed times (borders) that
-    all agents share.
+    """Decides when log entries that arrive late are processed: in batches, at fixed times (borders) that all agents share.
 
     The results that such an entry changes take many calls to compute again, so that during a stream of late entries hardly a
     moment is complete. At a border, however, all earlier entries are taken, and all agents have the borders at the same times.
@@ -41,14 +40,12 @@ class Batches:
 
     @property
     def is_resting(self) -> bool:
-        """Whether the next call does not process late log entries (signed measurements) yet, because the last batch of them took
-        long.
-        """
+        """Whether the next call does not process late log entries yet, because the last batch of them took long."""
         return self._rest > 1
 
     def are_due(self, now_ns: int, *, free: bool) -> bool:
-        """Return whether a batch of late log entries (signed measurements) must be processed now; called in each step. ``free``:
-        whether the caller can do so.
+        """Return whether a batch of late log entries must be processed now; called in each step. ``free``: whether the caller can
+        do so.
         """
         self._elapsed_ns += max(now_ns - self._now_ns, _CALL_NS) if self._now_ns else 0
         self._now_ns = now_ns
@@ -63,20 +60,16 @@ class Batches:
         return True
 
     def took(self, calls: int) -> None:
-        """Note that the last batch of late log entries (signed measurements) took ``calls`` calls; the next batch waits for as
-        many.
-        """
+        """Note that the last batch of late log entries took ``calls`` calls; the next batch waits for as many."""
         self._rest = calls
 
     def admitted(self, drones: Collection[str]) -> frozenset[str]:
-        """Return those of the given drones that have quota left, so that their late log entries (signed measurements) are
-        processed.
-        """
+        """Return those of the given drones that have quota left, so that their late log entries are processed."""
         return frozenset(drone for drone in drones if drone not in self._quotas or self._left_s(drone) > 0.0)
 
     def charge(self, reach_s: Mapping[str, float]) -> None:
-        """Reduce the quotas of drones whose late log entries (signed measurements) are processed. ``reach_s``: by drone, the
-        seconds that they reach back.
+        """Reduce the quotas of drones whose late log entries are processed. ``reach_s``: by drone, the seconds that they reach
+        back.
         """
         for drone, back_s in reach_s.items():
             quota = self._quotas.setdefault(drone, Bucket(_QUOTA_RATE, _QUOTA_S, 1e-9 * self._elapsed_ns))

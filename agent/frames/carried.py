@@ -51,16 +51,15 @@ class CarriedFrames:
             self._add((entry.drone, entry.epoch), entry.entry_id, entry.carried)
 
     def drop_before(self, stamp_ns: int) -> None:
-        """Forget frames published before a time stamp (ns), and ignore log entries (signed measurements) from before it that
-        arrive later.
+        """Forget frames published before a time stamp (ns), and ignore log entries from before it that arrive later.
 
-        In an earlier flight, an epoch (period without a jump of the localisation) of equal number was another frame.
+        In an earlier flight, an epoch of equal number was another frame.
         """
         self._earliest_ns = stamp_ns
         self.forget([identity for identity in self._epochs if identity.stamp_ns < stamp_ns])
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Remove log entries (signed measurements) that no longer count, together with the frames published in them."""
+        """Remove log entries that no longer count, together with the frames published in them."""
         changed: set[tuple[str, int]] = set()
         for identity in identities:
             epoch = self._epochs.pop(identity, None)

@@ -49,7 +49,7 @@ class Member:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """The complete state of the frame estimate after a keyframe (time of an estimate), from which the next one is computed."""
+    """The complete state of the frame estimate after a keyframe, from which the next one is computed."""
 
     index: int
     joint: Joint
@@ -59,8 +59,6 @@ class Checkpoint:
 
 
 def beginning(count: int) -> Checkpoint:
-    """Return the state of the frame estimate before the first keyframe (time of an estimate), for a mission of ``count``
-    drones.
-    """
+    """Return the state of the frame estimate before the first keyframe, for a mission of ``count`` drones."""
     nobody = Joint(np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 0)), np.zeros((count, 3)), np.zeros(count))
     return Checkpoint(-1, nobody, (Member(),) * count, ())

@@ -46,8 +46,7 @@ class ClockErrors:
         self._wrong = sum(error_s > 0.0 for _, _, error_s in self._told)
 
     def reach_ns(self, exposure: Exposure) -> int:
-        """Return the time (ns) before an exposure (counts of a camera in half a second) in which the result of ``at`` may depend
-        on the exposure.
+        """Return the time (ns) before an exposure in which the result of ``at`` may depend on the exposure.
 
         Return 0 if neither this exposure nor another one within ``_TOLD_NS`` has an error.
         """
@@ -57,8 +56,8 @@ class ClockErrors:
         return _LEARNED_NS + _TOLD_NS if any(error_s > 0.0 for _, _, error_s in beside) else 0
 
     def at(self, stamp_ns: int) -> float:
-        """Return the clock's error (s) at a time stamp, as published with the exposures (counts of a camera in half a second) of
-        this time or a while later; 0 without one.
+        """Return the clock's error (s) at a time stamp, as published with the exposures of this time or a while later; 0 without
+        one.
         """
         if not self._wrong:
             return 0.0
@@ -97,9 +96,7 @@ def _begin_ns(told: _Told) -> int:
 
 
 def clock_error_s(exposure: Exposure) -> float:
-    """Return the clock error (s) that is published in an exposure (counts of a camera in half a second), computed from the
-    position error and the speed; 0 without one.
-    """
+    """Return the clock error (s) that is published in an exposure, computed from the position error and the speed; 0 without one."""
     if exposure.clock_sigma_m == 0.0:
         return 0.0
     first, last = exposure.poses[0], exposure.poses[-1]

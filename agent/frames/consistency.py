@@ -36,8 +36,8 @@ class Tally:
 
 
 def tally(count: int, sightings: Sightings, weights: Array) -> Tally:
-    """Count for each pair of drones the sightings (relative observations) in one keyframe (time of a frame estimate), and how
-    many of them fit the estimate.
+    """Count for each pair of drones the sightings in one keyframe (time of a frame estimate), and how many of them fit the
+    estimate.
 
     count: number of drones in the mission. weights: (M,) probability that each of the M sightings is correct.
     """
@@ -56,9 +56,7 @@ def without(one: Tally, drone: int) -> Tally:
 
 
 def agreeing(one: Tally) -> Flags:
-    """Return a mask (N,) of the drones whose sightings (relative observations) agree with the estimate for at least one other
-    drone.
-    """
+    """Return a mask (N,) of the drones whose sightings agree with the estimate for at least one other drone."""
     both, believed = one.seen + one.seen.T, one.believed + one.believed.T
     fits: Flags = (both >= _FEWEST) & (believed >= _AGREE * both)
     confirmed: Flags = np.any(fits, axis=1)
@@ -67,7 +65,7 @@ def agreeing(one: Tally) -> Flags:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result of comparing the sightings (relative observations) between N drones with the estimated poses.
+    """Result of comparing the sightings between N drones with the estimated poses.
 
     agree, disagree: (N, N), symmetric masks of pairs of drones, whichever was the observer. blind: (N,) mask of drones nearly all
     of whose own sightings are wrong.

@@ -30,11 +30,11 @@ class KeyframeEstimate(Protocol):
     """Interface of an estimator that computes the frames of a swarm, one keyframe (time of an estimate) after the other."""
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
-        """Return the state of the frame estimate after keyframe ``index`` (time of an estimate), from the state ``before`` it."""
+        """Return the state of the frame estimate after keyframe ``index``, from the state ``before`` it."""
 
 
 class Estimate:
-    """The estimator of the swarm's frames: it computes the state after each keyframe (time of an estimate) from the state before.
+    """The estimator of the swarm's frames: it computes the state after each keyframe from the state before.
 
     It holds no state of its own.
     """
@@ -43,7 +43,7 @@ class Estimate:
         self._setting = Setting(mission, intake)
 
     def step(self, before: Checkpoint, index: int) -> Checkpoint:
-        """Return the state of the frame estimate after keyframe ``index`` (time of an estimate), from the state ``before`` it."""
+        """Return the state of the frame estimate after keyframe ``index``, from the state ``before`` it."""
         keyframe = Keyframe(self._setting, before, index)
         for drone in range(len(keyframe.members)):
             _launch(keyframe, drone)

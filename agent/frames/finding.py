@@ -32,8 +32,8 @@ class Found:
 
 
 def find(keyframe: Keyframe, drone: int, conflicting: set[int]) -> None:
-    """Find the pose of a drone whose frame is unknown by the sightings (relative observations) since the loss, and add it to the
-    estimate if it is certain.
+    """Find the pose of a drone whose frame is unknown by the sightings since the loss, and add it to the estimate if it is
+    certain.
 
     ``conflicting``: drones whose sightings contradict each other.
     """
@@ -50,8 +50,8 @@ def find(keyframe: Keyframe, drone: int, conflicting: set[int]) -> None:
 
 
 def aligned_better(keyframe: Keyframe, drone: int, first: int) -> Found | None:
-    """Return a drone's pose by other drones' sightings (relative observations) of it since keyframe (time of a frame estimate)
-    ``first``; None unless they clearly contradict the present pose.
+    """Return a drone's pose by other drones' sightings of it since keyframe (time of a frame estimate) ``first``; None unless
+    they clearly contradict the present pose.
     """
     others = keyframe.joint.without(drone)
     found = _aligned(keyframe, drone, others, first, use_own_data=False)

@@ -54,14 +54,14 @@ class FrameGraph:
         return graph
 
     def place(self, drone: str, epoch: int, mission_from_local: Transform) -> None:
-        """Set the transform of one drone's local frame for all times of an epoch (period without a jump).
+        """Set the transform of one drone's local frame for all times of an epoch.
 
         A newer transform replaces the older one; they are not averaged.
         """
         self.replace_from(drone, epoch, 0, [(0, mission_from_local)])
 
     def replace_from(self, drone: str, epoch: int, stamp_ns: int, known: Sequence[Known]) -> None:
-        """Replace the transforms of one drone's local frame in one epoch (period without a jump) from ``stamp_ns`` on.
+        """Replace the transforms of one drone's local frame in one epoch from ``stamp_ns`` on.
 
         known: pairs of the time from which a transform holds and the transform (None: the frame is lost), in order of time. Equal
         values count as no change.
@@ -88,8 +88,8 @@ class FrameGraph:
         line.changes.append((self.revision, changed_ns))
 
     def mission_from_local(self, drone: str, epoch: int, stamp_ns: int | None = None) -> Transform | None:
-        """Return the transform from a drone's local frame of an epoch (period without a jump of the localisation) into the
-        mission frame at ``stamp_ns`` (None: now); None if unknown.
+        """Return the transform from a drone's local frame of an epoch into the mission frame at ``stamp_ns`` (None: now); None if
+        unknown.
 
         The first known transform also holds for all times before, so that observations that waited for it can be used.
         """
@@ -125,9 +125,7 @@ class FrameGraph:
         return [(stamp_ns, one) for stamp_ns, one in held if one is not None]
 
     def changes(self, revision: int) -> dict[tuple[str, int], int]:
-        """Return, by drone and epoch (period without a jump), the first time stamp of a transform that has changed since
-        ``revision``.
-        """
+        """Return, by drone and epoch, the first time stamp of a transform that has changed since ``revision``."""
         found = {}
         for key, line in self._lines.items():
             newer = line.changes[bisect_right(line.changes, revision, key=lambda change: change[0]) :]

@@ -66,7 +66,7 @@ class Intake:
         self._earliest_ns = 0
 
     def receive(self, entry: Entry, payload: bytes) -> None:
-        """Add a log entry (signed measurement), together with the bytes from which it was decoded; each entry comes once.
+        """Add a log entry, together with the bytes from which it was decoded; each entry comes once.
 
         Kinds of entries that are not in ``READS`` carry no information about frames, and are ignored.
         """
@@ -90,13 +90,12 @@ class Intake:
             insort(self._fix_stamps[number], entry.stamp_ns)
 
     def holds(self, identity: EntryId) -> bool:
-        """Return whether a log entry (signed measurement) was received, and has not been dropped since."""
+        """Return whether a log entry was received, and has not been dropped since."""
         bucket = self._buckets.get(self._index(identity.stamp_ns))
         return identity in self._exposures or (bucket is not None and (identity in bucket.sightings or identity in bucket.fixes))
 
     def taken(self) -> int | None:
-        """Return the earliest keyframe (time of an estimate) that must be computed again because of new entries; None without
-        one.
+        """Return the earliest keyframe that must be computed again because of new entries; None without one.
 
         The call forgets this keyframe, and discards the prepared arrays of the affected keyframes.
         """
@@ -181,7 +180,7 @@ class Intake:
         return self._buckets[index]
 
     def forget(self, identities: Iterable[EntryId]) -> None:
-        """Remove log entries (signed measurements) that do not count any more; entries that were not received are ignored."""
+        """Remove log entries that do not count any more; entries that were not received are ignored."""
         for identity in identities:
             self._displace(identity, self._number[identity.drone])
 

@@ -82,8 +82,8 @@ class Keyframe:
         return is_elsewhere or self.stamp_ns - member.slid_ns <= round(self.config.suspect_s * 1e9)
 
     def older_var(self, seen: Sightings) -> Array:
-        """Return the variance (M,) in m^2 of the vector between the two drones of each of M sightings (relative observations),
-        apart from the sensor's error.
+        """Return the variance (M,) in m^2 of the vector between the two drones of each of M sightings, apart from the sensor's
+        error.
 
         It comes from the drones' drift between the sighting and the middle of the interval (see ``placement``), and from their
         clocks.
@@ -95,8 +95,8 @@ class Keyframe:
     def placement(self, drone: int) -> Placement:
         """Return the present estimate of a drone's frame in the mission frame.
 
-        The joint estimate is about as good as if all sightings (relative observations) of the interval had been made in its
-        middle, so half an interval of drift is added for the present time.
+        The joint estimate is about as good as if all sightings of the interval had been made in its middle, so half an interval
+        of drift is added for the present time.
         """
         row = int(np.searchsorted(self.joint.drones, drone))
         since = np.diag(self.drift.over(drone, 0.5 * self.seconds, 0.5 * self.flown[drone], self.adrift(drone)))

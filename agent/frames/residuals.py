@@ -120,8 +120,8 @@ def turned_per_yaw(rotated: Array) -> Array:
 def sighting_residuals(
     observer: Array, target: Array, moved_observer: Array, moved_target: Array, direction: Array, range_m: Array
 ) -> tuple[Array, Array, Array]:
-    """Return predicted minus measured direction and range of M sightings (relative observations), (M, 4), and the Jacobians (M,
-    4, 4) by each drone's pose.
+    """Return predicted minus measured direction and range of M sightings, (M, 4), and the Jacobians (M, 4, 4) by each drone's
+    pose.
 
     The residuals are three components of a unit vector in the observer's frame, and the range (m). A direction opposite to its
     prediction has a residual of 2, not of 0 as it would in a tangent plane.

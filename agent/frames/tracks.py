@@ -166,8 +166,8 @@ class Track:
         return _between(self._places.vector(after - 1), self._places.vector(after), share)
 
     def joined(self, epoch: int, stamp_ns: int) -> Transform | None:
-        """Return the transform from the local frame of an epoch (period without a jump of the localisation) to the continuous
-        frame; None if the drone was not in that epoch at the stamp.
+        """Return the transform from the local frame of an epoch to the continuous frame; None if the drone was not in that epoch
+        at the stamp.
 
         The next segment counts only after the last sample before it, and so never for a stamp that ``insert`` does not name.
         """

@@ -20,8 +20,7 @@ DEFERRAL_REPORTED_NS = 10_000_000_000  # duration of the report on a deferred dr
 
 
 class Admission:
-    """Quotas of log entries (signed measurements) for each drone; they protect the agent's computing time from a drone that
-    publishes too much.
+    """Quotas of log entries for each drone; they protect the agent's computing time from a drone that publishes too much.
 
     Entries beyond the quota are not taken now; they arrive again by the log query. Quotas are separate by signature: no drone can
     use up another drone's quota.
@@ -44,12 +43,12 @@ class Admission:
         return False
 
     def charge(self, entry: Entry, now_ns: int) -> None:
-        """Reduce the quota of the drone whose log entry (signed measurement) has been taken."""
+        """Reduce the quota of the drone whose log entry has been taken."""
         for quota in self._of(entry, now_ns):
             quota.charge(1.0)
 
     def put_off(self, now_ns: int) -> frozenset[str]:
-        """Return the drones whose log entries (signed measurements) were recently put off, because their quota was used up."""
+        """Return the drones whose log entries were recently put off, because their quota was used up."""
         return frozenset(drone for drone, at_ns in self._put_off_ns.items() if abs(now_ns - at_ns) < DEFERRAL_REPORTED_NS)
 
     def _of(self, entry: Entry, now_ns: int) -> Iterator[Bucket]:

@@ -41,8 +41,8 @@ class Blocks:
         return block in self._hashes.get(publisher, ())
 
     def chosen(self, publishers: Sequence[Publisher], turn: int) -> list[tuple[Publisher, int]]:
-        """Return the blocks of log entries (signed measurements) whose hashes go into a summary, as many as it can carry: others
-        each turn, until all have gone.
+        """Return the blocks of log entries whose hashes go into a summary, as many as it can carry: others each turn, until all
+        have gone.
         """
         every = [(publisher, block) for publisher in publishers for block in self._hashes.get(publisher, ())]
         if len(every) <= MAX_BLOCKS:
@@ -84,12 +84,12 @@ class _Hash:
 
 
 def numbers_of(block: int) -> range:
-    """Return the sequence numbers of the log entries (signed measurements) that belong to a block."""
+    """Return the sequence numbers of the log entries that belong to a block."""
     return range(block * BLOCK_ENTRIES, (block + 1) * BLOCK_ENTRIES)
 
 
 def hash_of(payloads: Iterable[bytes]) -> bytes:
-    """Return one hash over several log entries (signed measurements), from their bytes in order."""
+    """Return one hash over several log entries, from their bytes in order."""
     whole = blake2b(digest_size=HASH_BYTES)
     for payload in payloads:
         _add(whole, payload)

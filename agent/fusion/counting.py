@@ -17,15 +17,13 @@ Held = Callable[[Publisher, Iterable[Range]], Iterator[EntryId]]  # the held ent
 
 
 class Counting:
-    """Decides which entries of a log count: all but entries retracted by their drone, and overlapping exposures (counts of a
-    camera in half a second) of one drone.
-    """
+    """Decides which entries of a log count: all but entries retracted by their drone, and overlapping exposures of one drone."""
 
     def __init__(self, held: Held, end_ns: Callable[[EntryId], int | None], *, judges_exposures: bool) -> None:
         """Start without entries.
 
-        ``held``: returns the entries in the log of a publisher with given numbers. ``end_ns``: returns the end of an exposure
-        (counts of a camera in half a second); None for other entries. ``judges_exposures``: whether exposures may not overlap.
+        ``held``: returns the entries in the log of a publisher with given numbers. ``end_ns``: returns the end of an exposure;
+        None for other entries. ``judges_exposures``: whether exposures may not overlap.
         """
         self._held, self._end_ns = held, end_ns
         self._retractions = Retractions()
@@ -34,14 +32,12 @@ class Counting:
 
     @property
     def recounted(self) -> Sequence[tuple[EntryId, bool]]:
-        """The log entries (signed measurements) that have ceased to count, or begun to count again; see
-        ``ObservationLog.recounted``.
-        """
+        """The log entries that have ceased to count, or begun to count again; see ``ObservationLog.recounted``."""
         self.settle()
         return self._recounted
 
     def settle(self) -> None:
-        """Let log entries (signed measurements) count again whose retractions have been removed since the last call."""
+        """Let log entries count again whose retractions have been removed since the last call."""
         for publisher, changed in self._retractions.settled():
             for identity in self._held(publisher, changed):
                 self._expose(identity, self._end_ns(identity))

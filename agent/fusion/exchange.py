@@ -14,8 +14,8 @@ MAX_ANSWER_BYTES = 1_000_000
 
 
 class LogExchange:
-    """Exchanges log entries (signed measurements) between agents: requests for entries missing in this agent's log, and answers
-    to requests of other agents.
+    """Exchanges log entries between agents: requests for entries missing in this agent's log, and answers to requests of other
+    agents.
     """
 
     def __init__(self, swarm: str, drone: str | None, log: ObservationLog, counters: Counter[str]) -> None:

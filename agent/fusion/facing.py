@@ -41,8 +41,8 @@ class Facing(NamedTuple):
 
             f^2 = (x^2 + y^2 + C (x^2 - y^2) + 2 S x y) / 2 d^2.
 
-        twice_cos, twice_sin: C and S, means of cos 2 psi and sin 2 psi over the exposure (counts of a camera in half a second),
-        psi the camera's heading. Metres, mission frame; arrays of any shapes.
+        twice_cos, twice_sin: C and S, means of cos 2 psi and sin 2 psi over the exposure, psi the camera's heading. Metres,
+        mission frame; arrays of any shapes.
         """
         ahead, aside = x + twice_cos * x + twice_sin * y, y - twice_cos * y + twice_sin * x
         return Facing(0.5 / distance**2 * (x * ahead + y * aside), ahead, aside)

@@ -48,9 +48,7 @@ class Latecomers:
         return self.all_taken()
 
     def all_taken(self) -> dict[EntryId, AnyEntry | None]:
-        """Return all late log entries (signed measurements) that wait here, and forget them, when their steps are recomputed
-        anyway.
-        """
+        """Return all late log entries that wait here, and forget them, when their steps are recomputed anyway."""
         entries, self._entries = self._entries, {}
         self._stride, self._calls = 1, 0
         return entries
@@ -71,11 +69,11 @@ class Late:
         return bool(self._entries)
 
     def add(self, identity: EntryId, entry: AnyEntry | None) -> None:
-        """Add a very late log entry (signed measurement), or the removal of one (None)."""
+        """Add a very late log entry, or the removal of one (None)."""
         self._entries[identity] = entry
 
     def discard(self, identity: EntryId) -> None:
-        """Remove a very late log entry (signed measurement), if it waits here."""
+        """Remove a very late log entry, if it waits here."""
         self._entries.pop(identity, None)
 
     @property
@@ -85,7 +83,7 @@ class Late:
         return frozenset(drones - self._batches.admitted(drones))
 
     def taken(self) -> dict[EntryId, AnyEntry | None]:
-        """Return the waiting log entries (signed measurements) of the drones with quota left, and forget them here."""
+        """Return the waiting log entries of the drones with quota left, and forget them here."""
         admitted = self._batches.admitted({identity.drone for identity in self._entries})
         taken = {identity: entry for identity, entry in self._entries.items() if identity.drone in admitted}
         self._entries = {identity: entry for identity, entry in self._entries.items() if identity.drone not in admitted}

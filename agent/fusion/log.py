@@ -52,7 +52,7 @@ class ObservationLog:
     any order of arrival. The log's owner removes the held entries beyond it (``beyond``, ``last_counted``).
 
     Entries retracted by their own drone (``Retraction``) stay in the log, so that all logs have one content. They do not count
-    (``counts``). Nor do overlapping exposures (counts of a camera in half a second) of one drone (``overlaps``).
+    (``counts``). Nor do overlapping exposures of one drone (``overlaps``).
 
     The log only grows, but for entries left out after a contradiction or a revocation. It is never compacted: a restarted agent
     begins with an empty log and must be able to get all of it. After a late entry all later grid steps are recomputed. Memory:
@@ -65,9 +65,8 @@ class ObservationLog:
     def __init__(self, mission_id: str, drones: Iterable[str], *, judges_exposures: bool = True) -> None:
         """Start an empty log.
 
-        ``drones``: ids of the mission's drones; only their entries are accepted. ``judges_exposures``: whether exposures (counts
-        of a camera in half a second) may neither overlap nor be longer than ``MAX_LOGGED_EXPOSURE_NS``; False: for the replay of
-        an older record."""
+        ``drones``: ids of the mission's drones; only their entries are accepted. ``judges_exposures``: whether exposures may
+        neither overlap nor be longer than ``MAX_LOGGED_EXPOSURE_NS``; False: for the replay of an older record."""
         self.mission_id = mission_id
         self._drones = frozenset(drones)
         self.counters: dict[str, int] = {outcome.value: 0 for outcome in Outcome}
@@ -119,9 +118,7 @@ class ObservationLog:
         return self._numbered[entry.drone, entry.boot][entry.sequence]
 
     def counts(self, identity: EntryId) -> bool:
-        """Return whether an entry is in the log, is not retracted by its drone, and is not an overlapping exposure (counts of a
-        camera in half a second).
-        """
+        """Return whether an entry is in the log, is not retracted by its drone, and is not an overlapping exposure."""
         kind = self._kind_of(identity)
         return kind is not None and not self._counting.leaves_out(kind, identity)
 
@@ -130,8 +127,8 @@ class ObservationLog:
         return self._counting.leaves_out(type(entry), self.identity_of(entry))
 
     def misexposed(self, since_ns: int) -> list[tuple[str, str]]:
-        """Return the drones with exposures (counts of a camera in half a second) since a time (ns) that do not count, each with
-        the reason (they overlap, or are too long).
+        """Return the drones with exposures since a time (ns) that do not count, each with the reason (they overlap, or are too
+        long).
         """
         longer = [drone for drone, end_ns in sorted(self._too_long_ns.items()) if end_ns >= since_ns]
         return [(drone, "overlap") for drone in self._counting.overlapping(since_ns)] + [
@@ -237,7 +234,7 @@ class ObservationLog:
         raise KeyError(identity)
 
     def identities(self, kind: type[Entry], drone: str) -> list[EntryId]:
-        """Return the identities of a drone's log entries (signed measurements) of one kind, ascending."""
+        """Return the identities of a drone's log entries of one kind, ascending."""
         return sorted(identity for identity in self._payloads[kind] if identity.drone == drone)
 
     def beyond(self, drone: str, last: Callable[[str], int], boot: str | None = None) -> list[EntryId]:

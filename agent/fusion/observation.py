@@ -105,7 +105,7 @@ def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | Non
     ``identity``: the entry's identity as the log holds it, so that only one object is in memory.
 
     The entry's content alone decides, so that all agents decide alike. Without information are a cone whose readings are both
-    impossible (probability 0) or have no axis, and an exposure (counts of a camera in half a second) without live time.
+    impossible (probability 0) or have no axis, and an exposure without live time.
     """
     identity = identity or entry.entry_id
     if isinstance(entry, Cone):
@@ -116,8 +116,8 @@ def observe(entry: Entry, mission_from_local: Transform, identity: EntryId | Non
 
 
 def known_ns(entry: Entry) -> int:
-    """Return the time (ns) from which the measurement in an entry is known: the end of an exposure (counts of a camera in half a
-    second), the stamp of all other entries.
+    """Return the time (ns) from which the measurement in an entry is known: the end of an exposure, the stamp of all other
+    entries.
     """
     return entry.end_ns if isinstance(entry, Exposure) else entry.stamp_ns
 

@@ -20,8 +20,7 @@ _end_ns = itemgetter(1)
 
 
 class Overlaps:
-    """Finds overlapping exposures (counts of a camera in half a second) of a drone, which has one camera, so that none of them
-    can be right.
+    """Finds overlapping exposures of a drone, which has one camera, so that none of them can be right.
 
     It holds the exposures of all drones in a log, without the retracted ones.
     """
@@ -44,9 +43,7 @@ class Overlaps:
         return exposed is not None and identity in exposed.overlapping
 
     def drones(self, since_ns: int) -> list[str]:
-        """Return the drones with overlapping exposures (counts of a camera in half a second) that began since a time (ns),
-        sorted.
-        """
+        """Return the drones with overlapping exposures that began since a time (ns), sorted."""
         return sorted(drone for drone, exposed in self._drones.items() if exposed.newest_ns >= since_ns)
 
 

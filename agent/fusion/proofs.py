@@ -18,8 +18,7 @@ Own = tuple[str, str, str]
 
 
 class Proofs:
-    """Signs the log entries (signed measurements) and statuses of this drone, and verifies the signatures of other drones before
-    their messages count.
+    """Signs the log entries and statuses of this drone, and verifies the signatures of other drones before their messages count.
 
     ``forged``: number of messages dropped without their publisher's signature, by publisher and kind.
     """

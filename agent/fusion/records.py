@@ -16,12 +16,12 @@ class Record(Struct, frozen=True):
 
     @property
     def entry(self) -> Entry:
-        """The log entry (signed measurement), decoded from its bytes again at each access."""
+        """The log entry, decoded from its bytes again at each access."""
         return decode_as(self.kind, self.payload)
 
 
 class Contradiction(Struct, frozen=True):
-    """Two different log entries (signed measurements) of one publisher under one sequence number.
+    """Two different log entries of one publisher under one sequence number.
 
     If both are signed, they prove that the publisher, or another owner of its key, has sent different data to different drones.
     """

@@ -9,8 +9,7 @@ Range = tuple[int, int]  # first and last, both held
 
 
 class SequenceSet:
-    """A set of whole numbers, stored as ranges: small while the numbers have few gaps, as the numbers of a drone's log entries
-    (signed measurements).
+    """A set of whole numbers, stored as ranges: small while the numbers have few gaps, as the numbers of a drone's log entries.
 
     The ranges are ascending and disjoint, and do not touch.
     """

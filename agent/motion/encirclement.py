@@ -5,7 +5,7 @@ Two laws (``EncirclementConfig.law``):
 - ``paper``: Sec. V-C of the paper. The drone starts its arc a fixed bias beta away from its nearest neighbour by central
   angle. The law has no equilibrium: at uniform spacing the bias still points away from whichever neighbour happens to be nearer,
   so the spacing chatters around 2 pi / N by the tracker's response to a step of beta between two replans.
-- ``smooth``: a virtual structure. N slots, 2 pi / N apart, rotate at v/r; Drones keep their cyclic order, and the phase of the
+- ``smooth``: a virtual structure. N slots, 2 pi / N apart, rotate at v/r; drones keep their cyclic order, and the phase of the
   structure is the least-squares fit to the angles of all drones. Every drone computes the same structure from the same poses
   and flies to its own slot. The movement of the centre enters by feed-forward.
 """

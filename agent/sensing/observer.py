@@ -142,11 +142,11 @@ class Observer:
     def observe(self, detections: Detections) -> list[Entry]:
         """Return the log entries of a time interval of detections, and of earlier intervals that have waited for their telemetry.
 
-        Counts are held until an exposure (counts of a camera in half a second) is full. The zeros of a mute camera are not used
-        (see ``unseen``): these are no evidence against a source. Some intervals are dropped, and counted in ``dropped``: longer
-        than the longest exposure, without a known (telemetry missing) or trusted pose, or overlapping earlier ones, in own time
-        or in UTC (a backward clock step). Measurements at a wrong place would mislead the whole swarm. Of more cones than
-        ``MOST_CONES_PS`` the first ones are taken, whatever their direction, and the others counted in ``withheld``.
+        Counts are held until an exposure is full. The zeros of a mute camera are not used (see ``unseen``): these are no evidence
+        against a source. Some intervals are dropped, and counted in ``dropped``: longer than the longest exposure, without a
+        known (telemetry missing) or trusted pose, or overlapping earlier ones, in own time or in UTC (a backward clock step).
+        Measurements at a wrong place would mislead the whole swarm. Of more cones than ``MOST_CONES_PS`` the first ones are
+        taken, whatever their direction, and the others counted in ``withheld``.
         """
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
@@ -209,12 +209,11 @@ class Observer:
         return span_ns[0] - HELD_NS <= start_ns and end_ns <= span_ns[1] + HELD_NS
 
     def unseen(self, now_ns: int) -> list[Entry]:
-        """Return log entries with poses for times without usable data of the camera: exposures (counts of a camera in half a
-        second) without live time.
+        """Return log entries with poses for times without usable data of the camera: exposures without live time.
 
         These carry no information on the source, but without them the drone's frame could not be estimated, or published after a
-        jump, any more. The wait for a readout (pixel hits of one interval) is as short as possible. After late poses every drone
-        estimates all frames since then again, and with them the source.
+        jump, any more. The wait for a readout is as short as possible. After late poses every drone estimates all frames since
+        then again, and with them the source.
         """
         entries: list[Entry] = []
         span_ns = self._history.span_ns

@@ -60,25 +60,25 @@ class Slots:
         return SLOTS[1 - SLOTS.index(slot)]
 
     def attempts(self, slot: str) -> int:
-        """Return the number of boots of a slot (system partition) since it was last confirmed to work."""
+        """Return the number of boots of a slot since it was last confirmed to work."""
         tries = self._read().get(f"{slot}_TRY", "0")
         return int(tries) if tries.isdecimal() else MAX_BOOT_ATTEMPTS
 
     def is_good(self, slot: str) -> bool:
-        """Return whether the boot loader may boot this slot (system partition)."""
+        """Return whether the boot loader may boot this slot."""
         return self._read().get(f"{slot}_OK") == "1"
 
     def mark_good(self, slot: str) -> None:
-        """Mark a slot (system partition) as working, and reset its count of attempts to boot."""
+        """Mark a slot as working, and reset its count of attempts to boot."""
         self._change(**{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 
     def mark_bad(self, slot: str) -> None:
-        """Exclude a slot (system partition) from booting, and let the boot loader try the other slot first."""
+        """Exclude a slot from booting, and let the boot loader try the other slot first."""
         order = " ".join((self.other(slot), slot))
         self._change(ORDER=order, **{f"{slot}_OK": "0", f"{slot}_TRY": "0"})
 
     def put_first(self, slot: str) -> None:
-        """Let the boot loader boot this slot (system partition) next, with all its attempts, and the other slot afterwards."""
+        """Let the boot loader boot this slot next, with all its attempts, and the other slot afterwards."""
         order = " ".join((slot, self.other(slot)))
         self._change(ORDER=order, **{f"{slot}_OK": "1", f"{slot}_TRY": "0"})
 

@@ -43,8 +43,8 @@ class AcquisitionReader:
         self._gathering = Gathering()
 
     def read(self, acquisitions: deque[Acquisition], now_ns: int) -> list[Readout]:
-        """Return the readouts (pixel hits of one interval) that are available now; measurements that have ended and are read
-        completely are removed from the queue.
+        """Return the readouts that are available now; measurements that have ended and are read completely are removed from the
+        queue.
         """
         readouts = []
         while acquisitions:

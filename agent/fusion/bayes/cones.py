@@ -80,8 +80,7 @@ def cone_likelihood(rate_ps: Array, directed: Array, background_ps: float) -> Ar
         (R (rho + eps) + B) / (R + B),
 
     a mixture of the source's cones, of rate R, and isotropic background cones, of rate B; eps is the fraction of the source's
-    cones that do not point to it. The likelihood is conditional on the cone's registration: its event counts in the exposure
-    (counts of a camera in half a second).
+    cones that do not point to it. The likelihood is conditional on the cone's registration: its event counts in the exposure.
 
     rate_ps: (...) R, per second. directed: (...) rho, density of the cone in the source's direction. background_ps: B, per
     second.

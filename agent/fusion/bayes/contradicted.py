@@ -31,8 +31,8 @@ Rejections = Mapping[int, tuple[float, int]]  # by vehicle: faded number of reje
 def rejected(rejections: Rejections, vehicle: int, stamp_ns: int, more: float = 1.0) -> Rejections:
     """Count one more measurement of a vehicle that does not fit the track of the source, and return the new counts by vehicle.
 
-    more: 1 for an exposure (counts of a camera in half a second) that was rejected; for a cone its weight, negative if the cone
-    points to the source. Counts fade with time.
+    more: 1 for an exposure that was rejected; for a cone its weight, negative if the cone points to the source. Counts fade with
+    time.
     """
     _, newest_ns = rejections.get(vehicle, (0.0, stamp_ns))
     count = min(max(_faded(rejections, vehicle, stamp_ns) + more, 0.0), _REMEMBERED)

@@ -78,8 +78,8 @@ class BayesEstimator:
         """Set up the estimator of a mission.
 
         ``area``: search area of the source, mission frame. ``response``: of the cameras to the nuclide; None: to the mission's
-        nuclide. ``beside``: returns the counts (2,) that a track (posterior of a found source) expects in an exposure (counts of
-        a camera in half a second) besides source and background; None: no such counts.
+        nuclide. ``beside``: returns the counts (2,) that a track (posterior of a found source) expects in an exposure besides
+        source and background; None: no such counts.
 
         Raises:
             ConfigError: the response to the mission's nuclide is not known.
@@ -111,15 +111,15 @@ class BayesEstimator:
         return self._decided(state, step)
 
     def work(self, state: BayesState, observations: int) -> int:
-        """Return the cost of a step: an observation costs 0.25 ms in a track (posterior of a found source), over 1 ms on the grid
-        of a search (benchmarks/fusion.py).
+        """Return the cost of a step: an observation costs 0.25 ms in a track, over 1 ms on the grid of a search
+        (benchmarks/fusion.py).
         """
         tracking = _TRACK_UNITS + (_SHIELDED_UNITS if self._scene.buildings else 0)
         return 4 + observations * (tracking if state.track is not None else _SEARCH_UNITS)
 
     def hypothesis(self, state: BayesState, step: GridStep) -> Hypothesis | None:
-        """Return the source estimate, mean and covariance of the track (posterior of a found source), predicted to the middle of
-        ``step``; None during a search.
+        """Return the source estimate, mean and covariance of the track, predicted to the middle of ``step``; None during a
+        search.
 
         The covariance of the place is wider if the modes of motion differ (``Mixture.hedge``). The apparent places for each
         vehicle (``sights``) and all decisions use the covariance without this hedge.
@@ -159,18 +159,14 @@ class BayesEstimator:
         )
 
     def outlook(self, state: BayesState, step: GridStep) -> Outlook | None:
-        """Return the posterior of a search over the area, predicted to the beginning of ``step``; None while there is a track
-        (posterior of a found source).
-        """
+        """Return the posterior of a search over the area, predicted to the beginning of ``step``; None while there is a track."""
         if state.track is not None:
             return None
         search = state.search or SearchState.prior(self._grid, step.start_ns / _NS)
         return search.later(self._grid, step.start_ns / _NS).outlook(self._grid)
 
     def mixture(self, state: BayesState, stamp_ns: int) -> Mixture | None:
-        """Return the track (posterior of a found source) as a sum of Gaussians at a later time, without the hedge of
-        ``hypothesis``; None without a track.
-        """
+        """Return the track as a sum of Gaussians at a later time, without the hedge of ``hypothesis``; None without a track."""
         return None if state.track is None else state.track.later(self._motion, stamp_ns / _NS)
 
     def _predicted(self, state: BayesState, step: GridStep) -> BayesState:

@@ -46,15 +46,11 @@ class Exposed(Struct, frozen=True, eq=False):
 
     @property
     def weight(self) -> float:
-        """Share (0 .. 1) of a whole exposure (counts of a camera in half a second) in live time, so that many short exposures
-        cost no more than one.
-        """
+        """Share (0 .. 1) of a whole exposure in live time, so that many short exposures cost no more than one."""
         return min(self.live_time_s / _WHOLE_S, 1.0)
 
     def follows(self, earlier: Exposed) -> bool:
-        """Return whether this exposure (counts of a camera in half a second) follows an earlier one of the vehicle without a long
-        gap.
-        """
+        """Return whether this exposure follows an earlier one of the vehicle without a long gap."""
         gap_s = (self.middle_ns - earlier.middle_ns) * 1e-9 - (self.live_time_s + earlier.live_time_s) / 2.0
         return gap_s < _MAX_GAP_S
 
@@ -92,10 +88,10 @@ class Fit(Struct, frozen=True, eq=False):
 
     @staticmethod
     def of(mean: Array, covariance: Array, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """Fit the counts of an exposure at each Gaussian of a track (posterior of a found source).
+        """Fit the counts of an exposure at each Gaussian of a track.
 
-        mean: (S, M, d) m and covariance: (S, M, d, d) P of S sites (candidate places of the source), M motion modes and d state
-        variables; age_s: T, of the exposure.
+        mean: (S, M, d) m and covariance: (S, M, d, d) P of S sites, M motion modes and d state variables; age_s: T, of the
+        exposure.
         """
         response, background, counts = scene.response, exposed.background, exposed.counts
         sight = LineOfSight.of(mean, scene, exposed.vehicle, exposed.position, age_s)

@@ -55,8 +55,7 @@ _DRAWN[1:, 1:_LEVELS] = PRIOR[1:]
 
 
 def components(chance: Array, duration_s: float) -> Array:
-    """Return the probabilities (S, C) of the C ways in which an unknown obstacle may attenuate an exposure (counts of a camera in
-    half a second), for S sites.
+    """Return the probabilities (S, C) of the C ways in which an unknown obstacle may attenuate an exposure, for S sites.
 
     A site is one candidate place of the source. The ways (components): one attenuation level throughout, or a change from clear
     to hidden, or from hidden to clear. chance: (S, L) probabilities of the L levels before the exposure. duration_s: of the
@@ -67,8 +66,8 @@ def components(chance: Array, duration_s: float) -> Array:
 
 
 def levels(chance: Array) -> Array:
-    """Return the probabilities (S, L) of the L attenuation levels after an exposure (counts of a camera in half a second), for S
-    sites (candidate places of the source).
+    """Return the probabilities (S, L) of the L attenuation levels after an exposure, for S sites (candidate places of the
+    source).
 
     chance: (S, C) weights of the exposure's C components (ways of attenuation), of any sum.
     """
@@ -78,8 +77,7 @@ def levels(chance: Array) -> Array:
 
 
 def given_level(likelihood: Array, duration_s: float) -> Array:
-    """Return the likelihood (S, L) of an exposure (counts of a camera in half a second) given the attenuation level before it,
-    for S sites and L levels.
+    """Return the likelihood (S, L) of an exposure given the attenuation level before it, for S sites and L levels.
 
     likelihood: (S, C) of the exposure given its component (way of attenuation).
     """
@@ -88,9 +86,7 @@ def given_level(likelihood: Array, duration_s: float) -> Array:
 
 
 def at_end(given: Array) -> Array:
-    """Expand likelihoods (S, L), given the attenuation level after an exposure (counts of a camera in half a second), to the
-    components (S, C) of that exposure.
-    """
+    """Expand likelihoods (S, L), given the attenuation level after an exposure, to the components (S, C) of that exposure."""
     result: Array = np.maximum(given[:, _TO], _TINY)
     return result
 
@@ -98,7 +94,7 @@ def at_end(given: Array) -> Array:
 def passing(chance: Array) -> Array:
     """Return the expected share (S,) of direct photons that pass, E[exp(-t)] with t the optical depth of the unknown obstacle.
 
-    chance: (S, L) probabilities of the L attenuation levels, for S sites (candidate places of the source).
+    chance: (S, L) probabilities of the L attenuation levels, for S sites.
     """
     result: Array = chance @ _PASSING
     return result
@@ -114,9 +110,9 @@ def _moves(duration_s: float) -> Array:
 def behind(direct: Array, scattered: Array, known: Shielding | None) -> tuple[Array, Array]:
     """Return the counts (C, S, M, 2) expected behind unknown obstacles, and the variance (C, S, M) of the logarithm of their sum.
 
-    C components (ways of attenuation), S sites (candidate places of the source), M motion modes, 2 kinds of events. Obstacles
-    attenuate direct photons. Scattered photons come around them, with a change of up to ``_SCATTER_SIGMA``. direct, scattered:
-    (S, M, 2) expected counts without obstacles; known: walls and buildings.
+    C components (ways of attenuation), S sites, M motion modes, 2 kinds of events. Obstacles attenuate direct photons. Scattered
+    photons come around them, with a change of up to ``_SCATTER_SIGMA``. direct, scattered: (S, M, 2) expected counts without
+    obstacles; known: walls and buildings.
     """
     share, sigma = DIRECT_SHARE[:, None, None], SHARE_SIGMA[:, None, None]
     scattered = scattered * SCATTERED_SHARE[:, None, None, None]

@@ -129,14 +129,12 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def fit(self, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """Fit the counts of an exposure to the expected ones at each Gaussian of the track (posterior of a found source); age_s:
-        age of the exposure's middle.
-        """
+        """Fit the counts of an exposure to the expected ones at each Gaussian of the track; age_s: age of the exposure's middle."""
         return Fit.of(self.mean, self.covariance, scene, exposed, age_s)
 
     def waits(self, fit: Fit) -> bool:
-        """Return whether an exposure (counts of a camera in half a second) must wait for the vehicle's next one, because the view
-        may have become hidden during the exposure.
+        """Return whether an exposure must wait for the vehicle's next one, because the view may have become hidden during the
+        exposure.
 
         Condition: fewer counts than in a clear view, and a clear view before. An exposure partly behind a wall's edge looks like
         a source farther away; the next exposure distinguishes the two.
@@ -145,8 +143,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return clear > _MIN_CLEAR and float((self.weight * fit.deficit).sum()) > _LOW_SIGMAS
 
     def rejects(self, fit: Fit) -> bool:
-        """Return whether an exposure (counts of a camera in half a second) is rejected, because its counts are too far from the
-        expected ones.
+        """Return whether an exposure is rejected, because its counts are too far from the expected ones.
 
         The test (innovation gate) is a normalised innovation squared above ``_GATE_SIGMAS``^2. It is the mean over all Gaussians,
         each with the obstacle component of the least innovation. A noisy pixel and a burst do not pass; a dead camera passes
@@ -155,8 +152,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return not float((self.weight * fit.innovation).sum()) <= _GATE_SIGMAS**2  # true for NaN too
 
     def ahead(self, fit: Fit) -> Array:
-        """Return the likelihood (S, L) of an exposure (counts of a camera in half a second) given the level of attenuation before
-        it, up to a factor for each site.
+        """Return the likelihood (S, L) of an exposure given the level of attenuation before it, up to a factor for each site.
 
         S sites (candidate places) and L levels of attenuation by unknown obstacles.
         """
@@ -165,8 +161,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return hidden.given_level(given, fit.exposed.live_time_s)
 
     def after_counts(self, fit: Fit, ahead: Array | None = None) -> tuple[Mixture, float] | None:
-        """Update the track (posterior of a found source) with the counts of an exposure; return None if they are too far from the
-        expected ones (``rejects``).
+        """Update the track with the counts of an exposure; return None if they are too far from the expected ones (``rejects``).
 
         For each component c (way in which an unknown obstacle attenuates, ``hidden``), of probability p_c, g_c ~ p_c P(k | c, s)
         b_c, sum 1, with k the counts and s the source's state. The Gaussian is conditioned on the fitted logarithm of the rate
@@ -213,16 +208,13 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(after, hidden=chain), gained - REJECTED_COST * fit.exposed.weight * (1.0 - clear)
 
     def wider(self, factor: float) -> Mixture:
-        """Return the track (posterior of a found source) with the variances of the source's place multiplied by a factor;
-        correlations stay.
-        """
+        """Return the track with the variances of the source's place multiplied by a factor; correlations stay."""
         scale = np.ones(self.mean.shape[-1])
         scale[:2] = math.sqrt(factor)
         return replace(self, covariance=self.covariance * scale[:, None] * scale)
 
     def after_cone(self, scene: Scene, vehicle: int, apex: Vector3, orders: Orders, age_s: float) -> tuple[Mixture, float, float]:
-        """Update the track (posterior of a found source) with a Compton cone: probabilistic data association [BST75] over its
-        readings and "no information".
+        """Update the track with a Compton cone: probabilistic data association [BST75] over its readings and "no information".
 
         For each reading k (order of the photon's two interactions), its axis n_k turned by -psi about up, psi the vehicle's
         heading error, u the unit vector to the source, D the distance, T the age of the cone, c = n_k . u:
@@ -288,8 +280,8 @@ class Mixture(Struct, frozen=True, eq=False):
         return after, most + float(np.log(total))
 
     def reduced(self) -> Mixture:
-        """Return the track (posterior of a found source) with fewer Gaussians: sites (candidate places) of little weight are
-        dropped, near ones merged (``reduction``).
+        """Return the track with fewer Gaussians: sites (candidate places) of little weight are dropped, near ones merged
+        (``reduction``).
         """
         if len(self.weight) == 1:
             return self
@@ -302,7 +294,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, weight=weight, mean=mean, covariance=covariance, hidden=levels)
 
     def moments(self) -> tuple[Array, Array]:
-        """Return mean (d,) and covariance (d, d) of the whole track (posterior of a found source), over all its Gaussians."""
+        """Return mean (d,) and covariance (d, d) of the whole track, over all its Gaussians."""
         d = self.mean.shape[-1]
         return moments_of(self.weight.ravel(), self.mean.reshape(-1, d), self.covariance.reshape(-1, d, d))
 
@@ -315,9 +307,9 @@ class Mixture(Struct, frozen=True, eq=False):
             sum over the modes j with q_j > s^2 of  c_j (P_j + d_j d_j') / s^2,
             d_j = m_j - m,   q_j = d_j' P^-1 d_j,   s = ``_HEDGE_SIGMAS``
 
-        with w_j, m_j, P_j weight, mean and covariance of the mode over all sites (candidate places of the source); c_j grows from
-        0 to 1 where w_j grows from one to the other ``_POSSIBLE``. A right mode of small weight hardly widens P, which can then
-        exclude the truth (docs/faults-found.md: a hovering camera and a walking source).
+        with w_j, m_j, P_j weight, mean and covariance of the mode over all sites; c_j grows from 0 to 1 where w_j grows from one
+        to the other ``_POSSIBLE``. A right mode of small weight hardly widens P, which can then exclude the truth
+        (docs/faults-found.md: a hovering camera and a walking source).
         """
         place, found = mean[:2], np.zeros((2, 2))
         (xx, xy), (_, yy) = covariance[:2, :2].tolist()

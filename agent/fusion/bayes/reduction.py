@@ -54,8 +54,7 @@ def clusters(weight: Array, mean: Array, covariance: Array) -> list[NDArray[np.i
 
 
 def merged(groups: list[NDArray[np.intp]], weight: Array, mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Merge each group of sites (candidate places of the source) into one site with equal moments, mode by mode; return weights,
-    means and covariances.
+    """Merge each group of sites into one site with equal moments, mode by mode; return weights, means and covariances.
 
     weight: (S, M), mean: (S, M, d), covariance: (S, M, d, d) of S sites, M motion modes and d state variables; the result has
     len(groups) sites, of weights that add up to 1.

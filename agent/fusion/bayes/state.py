@@ -24,10 +24,10 @@ class BayesState(Struct, frozen=True, eq=False):
     reacquisition starts at the odds 1 - doubt : doubt). recent_evidence: of the last seconds. background: expected strength of
     the background relative to the tables, at the end of the search; a track keeps it. bias_variance: (BIAS V,) prior variances of
     the errors (biases) of the V vehicles observed in the search; a track has its own. frames: by vehicle, epoch (period without a
-    jump of the localisation) and estimated frame of its last observation in the track. waiting: by vehicle, its last exposure
-    (counts of a camera in half a second) if that waits for the next one (``Mixture.waits``). sure: see ``doubted``; rejections,
-    contrary: of exposures and by cones, see ``contradicted``. turns: of cameras, see ``turned``. moments: mean and covariance of
-    the track after the step, for the estimates until the next step.
+    jump of the localisation) and estimated frame of its last observation in the track. waiting: by vehicle, its last exposure if
+    that waits for the next one (``Mixture.waits``). sure: see ``doubted``; rejections, contrary: of exposures and by cones, see
+    ``contradicted``. turns: of cameras, see ``turned``. moments: mean and covariance of the track after the step, for the
+    estimates until the next step.
     """
 
     search: SearchState | None = None

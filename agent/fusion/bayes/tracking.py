@@ -45,9 +45,7 @@ class Tracking:
         self._gain_variance, self._beside = gain_sigma**2, beside
 
     def updated(self, state: BayesState, track: Mixture, step: GridStep, observation: Observation) -> BayesState:
-        """Return the estimator's state after an observation of a grid step; ``track``: the track (posterior of a found source) at
-        the step's beginning.
-        """
+        """Return the estimator's state after an observation of a grid step; ``track``: the track at the step's beginning."""
         vehicle, variance = self.errors_of(observation)
         change, frames = _frame_change(state.frames, vehicle, variance, observation)
         track = track.with_vehicle(vehicle, variance, change)
