@@ -96,7 +96,7 @@ def _begin_ns(told: _Told) -> int:
 
 
 def clock_error_s(exposure: Exposure) -> float:
-    """Return the clock error (s) that is published in an exposure, computed from the position error and the speed; 0 without one."""
+    """Return the clock error (s) that is published in an exposure, from position error and speed; 0 without one."""
     if exposure.clock_sigma_m == 0.0:
         return 0.0
     first, last = exposure.poses[0], exposure.poses[-1]

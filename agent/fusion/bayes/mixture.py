@@ -129,7 +129,7 @@ class Mixture(Struct, frozen=True, eq=False):
         return replace(self, covariance=covariance, bias_variance=priors)
 
     def fit(self, scene: Scene, exposed: Exposed, age_s: float) -> Fit:
-        """Fit the counts of an exposure to the expected ones at each Gaussian of the track; age_s: age of the exposure's middle."""
+        """Fit the counts of an exposure to those expected at each Gaussian of the track; age_s: age of the exposure's middle."""
         return Fit.of(self.mean, self.covariance, scene, exposed, age_s)
 
     def waits(self, fit: Fit) -> bool:
