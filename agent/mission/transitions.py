@@ -19,7 +19,7 @@ class Event(StrEnum):
     SEARCHES = "no source is to be tracked now"
     FOUND = "a source is to be tracked"
     LOST = "the tracked source is lost"
-    ENDS = "the search is over, the battery is low, or the drone is revoked"
+    ENDS = "the search is over or cannot go on, the battery is low, or the drone is revoked"
     ARRIVED = "above home"
     STUCK = "it did not get home: its place is not known, or something kept it away"
     SPENT = "its battery did not last for the way home"
