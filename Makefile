@@ -82,7 +82,7 @@ coverage: $(DEV)  ## which lines and branches of the agent its tests run; a repo
 	$(BIN)/coverage report --data-file=build/coverage --skip-covered
 
 words: $(DEV)  ## how plain the prose of code and documents is, by path
-	$(BIN)/python tests/support/words.py
+	$(BIN)/python tests/lib/support/words.py
 
 release: $(DEV)  ## sdist and wheel in dist/, checked as a user gets them; KEY=ID signs them, TAG=1 tags the commit
 	.ci/release

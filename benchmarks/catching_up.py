@@ -8,14 +8,13 @@ candidates. Prints processor times in total, and of the moves that first report 
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
+from several_sources import DRONES, LANES_S, NS, SIDE_M, Placed, Tally, Truth, judge, may_lie_beside, observed
 from shapely import Polygon
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
@@ -23,10 +22,6 @@ from radron.agent.fusion.estimator import GridStep, Hypothesis
 from radron.agent.fusion.observation import Observation
 from radron.agent.fusion.sources.handover import FollowingEstimator
 from radron.agent.fusion.sources.spectra import KNOWN
-
-sys.path.append(str(Path(__file__).parent))
-
-from several_sources import DRONES, LANES_S, NS, SIDE_M, Placed, Tally, Truth, judge, may_lie_beside, observed
 
 NUCLIDES = ("Cs-137", "Ir-192", "Co-60", "I-131", "Na-22", "Cs-137")
 

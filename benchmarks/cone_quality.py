@@ -32,9 +32,9 @@ from radron.sim.radiation.nuclides import nuclide
 from radron.sim.radiation.timepix3 import response
 from radron.sim.radiation.truth import CameraTruth
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
+sys.path.append(str(Path(__file__).parents[1] / "tests/lib"))
 
-from event_readout import SPACING_NS, readout_of
+from support.sensors.event_readout import SPACING_NS, readout_of
 
 RIGHT_KEV = 40.0
 

@@ -20,9 +20,9 @@ from radron.sim.radiation.events import Events, simulate
 from radron.sim.radiation.timepix3 import response
 from radron.sim.radiation.transport import projected_area_mm2
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
+sys.path.append(str(Path(__file__).parents[1] / "tests/lib"))
 
-from event_quality import clusters, complete, cones, fwhm
+from support.sensors.event_quality import clusters, complete, cones, fwhm
 
 LINE_KEV = 661.657
 TRUTH = CameraTruth()

@@ -34,9 +34,9 @@ from radron.sim.radiation.surroundings import background_lines, scattered_lines
 from radron.sim.radiation.timepix3 import response
 from radron.sim.radiation.truth import CameraTruth
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/sensors"))
+sys.path.append(str(Path(__file__).parents[1] / "tests/lib"))
 
-from event_readout import readout_of
+from support.sensors.event_readout import readout_of
 
 GAINS = (1.0, 0.97, 1.03, 1.1)
 EDGES_KEV = np.arange(SATELLITE_KEV[0], SATELLITE_KEV[1] + 1.0)

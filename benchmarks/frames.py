@@ -1,7 +1,7 @@
 """Measure the estimate of the drones' local frames: its cost on one core, and its accuracy after 20 s of flight.
 
-Flights and errors are those of ``tests/support/flights/sighted_swarm.py``: 3 m/s, sightings with errors of 2 degrees and 0.3 m,
-10 % of them false. The cost is measured for a keyframe (time at which the frames are estimated anew).
+Flights and errors of ``tests/lib/support/flights/sighted_swarm.py``: 3 m/s, sightings with errors of 2 degrees and 0.3 m, 10 %
+of them false. The cost is measured for a keyframe (time at which the frames are estimated anew).
 """
 
 from __future__ import annotations
@@ -14,12 +14,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/flights"))
-
-from sighted_swarm import SECOND, Drone, Flown, Sensor, fly, settle
+sys.path.append(str(Path(__file__).parents[1] / "tests/lib"))
 
 from radron.agent.frames.swarm import SwarmFrames
 from radron.protocol.codec import encode
+from support.flights.sighted_swarm import SECOND, Drone, Flown, Sensor, fly, settle
 
 SECONDS, TRIALS = 40.0, 40
 DRIFT = {"drift_m": 0.1, "yaw_drift_deg": 0.2}

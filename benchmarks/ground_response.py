@@ -3,7 +3,7 @@
 The flux of scattered photons by ``support.soil`` (not by the simulation's transport), at heights and distances as in flight, is
 folded with the response of sensor and detection chain to photons of each energy and angle to the sensor's normal. For each
 channel (kind of event), sources on the ground and above it, and headings, the rates are fitted by the formula of
-agent/fusion/bayes/soil.py, which holds the numbers. background: the soil's own photons by ``support.natural``, 3 m above it. The
+agent/fusion/bayes/soil.py, which holds the numbers. background: the soil's own photons by ``common.natural``, 3 m above it. The
 lines of nuclides and natural series, which are data, and the sensor come from the simulation.
 """
 
@@ -18,9 +18,9 @@ import typer
 from channel_response import CHANNELS, Source
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from support.natural import natural_flux
-from support.soil import FACINGS, HEADINGS_DEG, scattered_flux
 
+from common.natural import natural_flux
+from common.soil import FACINGS, HEADINGS_DEG, scattered_flux
 from radron.agent.config.mission import DetectionConfig
 from radron.agent.detector.chain import DetectorChain
 from radron.agent.detector.files.calibration import Calibration

@@ -25,11 +25,8 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from goals import Goal, show
-from live_flight import Seen, all_tracking, cone_delays_ms, flight_folder, flights, fly, messages
-
+from common.goals import Goal, show
+from common.live_flight import Seen, all_tracking, cone_delays_ms, flight_folder, flights, fly, messages
 from radron.agent.flight import topics
 from radron.agent.flight.reader import RecordedFlight
 from radron.agent.vehicle.interface import Request, VehicleCommand

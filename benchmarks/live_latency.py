@@ -20,11 +20,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from live_flight import flights, fly, messages
-from raw_zenoh import RawProbe
-
+from common.live_flight import flights, fly, messages
+from common.raw_zenoh import RawProbe
 from radron.agent.flight import topics
 from radron.agent.flight.reader import RecordedFlight
 from radron.protocol.keys import parse_key

@@ -11,7 +11,6 @@ import json
 import multiprocessing
 import socket
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -19,13 +18,11 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from goals import Goal
-from goals import show as show_goals
 from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
+from common.goals import Goal
+from common.goals import show as show_goals
 from radron.protocol.identity import Role, load_identity
 from radron.protocol.issuing import throwaway
 from radron.protocol.keys import ROOT, drone_key

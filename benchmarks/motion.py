@@ -1,7 +1,7 @@
 """Measure the motion planner: cost of replanning on one core, and how fast the swarm stabilises under both flocking laws.
 
 The stabilisation is tested as in the paper's Sec. VI-A, in closed loop with lagging vehicles, localisation noise and late
-messages (``tests/support/flights/closed_loop.py``): five drones, the source estimate moved by 10 m every 60 s.
+messages (``tests/lib/support/flights/closed_loop.py``): five drones, the source estimate moved by 10 m every 60 s.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from radron.agent.config.mission import EncirclementConfig
 from radron.agent.motion.encirclement import Encirclement
 from radron.agent.motion.tracker import Status, Tracker
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/flights"))
+sys.path.append(str(Path(__file__).parents[1] / "tests/lib"))
 
-from closed_loop import TICK_NS, Flight, Swarm, encircle, scattered
+from support.flights.closed_loop import TICK_NS, Flight, Swarm, encircle, scattered
 
 SEEDS, STEPS, PERIOD_S, SETTLED_S = 4, 2, 60.0, 30.0
 LAWS = {

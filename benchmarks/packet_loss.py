@@ -25,11 +25,11 @@ from statistics import mean, stdev
 from rich.console import Console
 from rich.table import Table
 
-sys.path += [str(Path(__file__).parent / "support"), str(Path(__file__).parents[1] / "tests" / "support/live")]
+sys.path.append(str(Path(__file__).parents[1] / "tests/lib"))
 
-from live_flight import flights as records
-from lossy_flight import LACKING, Flown, can_lose_packets, fly_over
-from undelayed import Lateness, lateness
+from common.live_flight import flights as records
+from common.undelayed import Lateness, lateness
+from support.live.lossy_flight import LACKING, Flown, can_lose_packets, fly_over
 
 
 def main() -> int:

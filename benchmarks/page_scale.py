@@ -1,7 +1,7 @@
 """The operator's page with a large swarm: how late, how dear, how smooth, in a real browser over a real Zenoh session.
 
 Ten drones live: from the publication of a pose to its picture on the screen, and the station's CPU. Then thirty drones with an
-hour of history, from a drone's record (``support/large_flight.py``), and live: time to open, CPU, memory, pictures per second
+hour of history, from a drone's record (``common/large_flight.py``), and live: time to open, CPU, memory, pictures per second
 against an empty map, data for a newly opened page, and the delay of a jump to an earlier time. The fold (log, frames, estimator)
 is the same code as on board and is listed separately.
 
@@ -27,11 +27,8 @@ from playwright.sync_api import Page
 from rich.console import Console
 from rich.table import Table
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from large_flight import BOOT, LargeFlight, fly
-from large_page import Child, browsing, child, latencies_ms, renderer_mb, seek_ms, smoothness, snapshot_bytes
-
+from common.large_flight import BOOT, LargeFlight, fly
+from common.large_page import Child, browsing, child, latencies_ms, renderer_mb, seek_ms, smoothness, snapshot_bytes
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.writing import as_toml
 from radron.agent.flight import topics
@@ -78,7 +75,7 @@ def _mission(folder: Path, flight: LargeFlight) -> Path:
 
 @contextmanager
 def _swarm(folder: Path, drones: int, flown_s: float, endpoint: str) -> Iterator[Child]:
-    with child("large_swarm.py", str(folder / FLOWN), str(drones), str(flown_s), endpoint) as swarm:
+    with child("large_swarm", str(folder / FLOWN), str(drones), str(flown_s), endpoint) as swarm:
         swarm.until(0)
         yield swarm
 
@@ -87,7 +84,7 @@ def _live(folder: Path) -> dict[str, Any]:
     """Ten drones, without history."""
     _say(f"{FEW} drones live")
     mission, endpoint = _mission(folder, LargeFlight(FEW, folder / FLOWN)), f"tcp/127.0.0.1:{_free_port()}"
-    with _swarm(folder, FEW, 30.0, endpoint) as swarm, child("large_station.py", str(mission), "--connect", endpoint) as station:
+    with _swarm(folder, FEW, 30.0, endpoint) as swarm, child("large_station", str(mission), "--connect", endpoint) as station:
         with browsing(station.until(0)["address"]) as page:
             page.wait_for_function(
                 "() => radron.frame?.source && radron.frame.drones.every((drone) => !drone.stale)", timeout=60e3
@@ -110,14 +107,14 @@ def _large(folder: Path, drones: int, seconds: float) -> dict[str, Any]:
     """Many drones with a history, after the same page without anything."""
     flight, endpoint = LargeFlight(drones, folder / FLOWN), f"tcp/127.0.0.1:{_free_port()}"
     mission = _mission(folder, flight)
-    with child("large_station.py", str(mission)) as station, browsing(station.until(0)["address"]) as page:
+    with child("large_station", str(mission)) as station, browsing(station.until(0)["address"]) as page:
         _say("an empty map")
         empty = {**_smooth("empty", page, 0), **_smooth("empty_panned", page, PAN_PX)}
         empty["empty_server_mb"] = station.process.memory_info().rss / 1e6
     _say(f"writing a record of {seconds / 60:.0f} min of {drones} drones")
     began_ns = time.time_ns() + round(OPEN_S_PER_MIN * seconds / 60.0 * 1e9) - round(seconds * 1e9)
     record = _record(folder, flight, began_ns, seconds)
-    with child("large_station.py", str(mission), "--record", str(record), "--connect", endpoint) as station:
+    with child("large_station", str(mission), "--record", str(record), "--connect", endpoint) as station:
         address = station.until(0)["address"]
         opened_s, used = _opened(station)
         seeks = seek_ms(address, _times(began_ns, seconds))

@@ -1,7 +1,7 @@
 """How near two drones come that meet by late plans: the price of plans that are no promises (docs/design/separation.md).
 
 `python benchmarks/plan_delay.py [--runs N] [--seed S] [DELAY ...]` prints the least distances of encounters
-(`tests/support/flights/encounter.py`), with steady references, and with references that jump.
+(`tests/lib/support/flights/encounter.py`), with steady references, and with references that jump.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 
 from radron.agent.config.mission import LimitsConfig
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support/flights"))
+sys.path.append(str(Path(__file__).parents[1] / "tests/lib"))
 
-from encounter import least_m
+from support.flights.encounter import least_m
 
 DELAYS_S, JUMPS = (0.06, 0.26, 0.46, 0.86), 0.05
 

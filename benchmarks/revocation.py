@@ -12,7 +12,6 @@ import argparse
 import asyncio
 import json
 import os
-import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -22,11 +21,9 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from goals import Goal, show
 from mesh import free_ports, start, stop, until
 
+from common.goals import Goal, show
 from radron.agent.shell.revoked import turn_s
 from radron.protocol.identity import Role, load_identity
 from radron.protocol.issuing import throwaway

@@ -17,18 +17,15 @@ import json
 import os
 import resource
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from goals import Goal, show
 from mesh import MOST_DRONES, free_ports, start, stop, until
 
+from common.goals import Goal, show
 from radron.agent.fusion.proofs import Proofs
 from radron.protocol.codec import decode_from, encode, written
 from radron.protocol.entries import Cone, ConeOrder, Entry

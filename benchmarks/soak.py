@@ -31,10 +31,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from live_flight import Seen, all_tracking, flights, fly, messages
-
+from common.live_flight import Seen, all_tracking, flights, fly, messages
 from radron.agent.flight import topics
 from radron.agent.flight.reader import RecordedFlight
 from radron.protocol.entries import Entry

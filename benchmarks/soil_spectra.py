@@ -7,7 +7,7 @@ by
 
     [near + h (steep + turned (f - ``MEAN_FACING``)) + air mu D] exp(-mu D) / (4 pi D^2),
 
-see radron.agent.fusion.sources.spectra. background: the soil's own photons by ``support.natural``, 3 m above it, per second.
+see radron.agent.fusion.sources.spectra. background: the soil's own photons by ``common.natural``, 3 m above it, per second.
 
 ``--grounds`` compares the scatter of other grounds with soil's: by r and c of radron.agent.fusion.sources.soil, and by r alone.
 """
@@ -22,8 +22,8 @@ import typer
 from ground_response import AZIMUTHS_DEG, EDGES_KEV, PLACES, beams, natural_lines
 from numpy.typing import NDArray
 from spectral_response import SCALE, printed, spectra
-from support.soil import FACINGS, GROUNDS, HEADINGS_DEG, scattered_flux
 
+from common.soil import FACINGS, GROUNDS, HEADINGS_DEG, scattered_flux
 from radron.agent.detector.lines import CANDIDATES
 from radron.agent.fusion.facing import MEAN_FACING, MEAN_STEEPNESS
 from radron.agent.fusion.sources.bins import pooled

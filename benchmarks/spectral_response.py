@@ -8,15 +8,14 @@ TABLES.py is agent/fusion/sources/tables.py. Effective areas (mm2, times photons
 from __future__ import annotations
 
 import math
-import sys
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from channel_response import directions
 from numpy.typing import NDArray
 
 from radron.agent.config.mission import DetectionConfig
@@ -32,10 +31,6 @@ from radron.sim.radiation.nuclides import Nuclide, nuclide
 from radron.sim.radiation.surroundings import background_lines, scattered_lines
 from radron.sim.radiation.timepix3 import response
 from radron.sim.radiation.truth import CameraTruth
-
-sys.path.append(str(Path(__file__).parent))
-
-from channel_response import directions
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,7 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parent / "support"))
-
-from goals import Goal, show
+from common.goals import Goal, show
 
 READY = "all agents are ready"
 MOST_RATIO = 1.1  # goal

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from wheels import PIP, ROOT, radron_wheel, wheel_of
+
+from support.wheels import PIP, ROOT, radron_wheel, wheel_of
 
 # An estimate in two seconds of tracking.
 MISSION = """base = "demo"

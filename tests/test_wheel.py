@@ -8,7 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from wheels import PACKAGES, PIP, ROOT, radron_wheel
+
+from support.wheels import PACKAGES, PIP, ROOT, radron_wheel
 
 FOLDERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-dir"]
 

@@ -18,7 +18,7 @@ TREES = (
     "deploy",
     "benchmarks",
     "docs",
-    "tests/support",
+    "tests/lib/support",
     "tests/fuzz",
     "tests/faults/planted",
 )

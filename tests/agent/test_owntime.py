@@ -1,10 +1,10 @@
 """Own time, which is monotonic, and UTC by a clock that is set."""
 
 import pytest
-from one_pilot import START_NS, partner
 
 from radron.agent.ownclock import STEP_NS, OwnClock
 from radron.agent.owntime import Utc
+from support.flights.one_pilot import START_NS, partner
 
 MS = 1_000_000
 

@@ -4,12 +4,25 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import schema_messages
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import UNSET
 from msgspec.structs import replace
-from one_pilot import (
+
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import ConfigError
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.entries import Exposure
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Plan, Pose, Stage, Status
+from support.flights import schema_messages
+from support.flights.one_pilot import (
     AREA,
     MISSION,
     SECOND,
@@ -25,19 +38,6 @@ from one_pilot import (
     state,
     tracking,
 )
-
-from radron.agent.config.drone import DroneConfig
-from radron.agent.config.estimators import FusionConfig
-from radron.agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
-from radron.agent.detector.readout import PixelHits, Readout
-from radron.agent.errors import ConfigError
-from radron.agent.pilot import Pilot
-from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
-from radron.protocol.codec import decode_from, encode
-from radron.protocol.entries import Exposure
-from radron.protocol.errors import ProtocolError
-from radron.protocol.keys import key_of
-from radron.protocol.messages import Action, Plan, Pose, Stage, Status
 
 
 def test_a_drone_that_is_not_in_the_mission():

@@ -1,13 +1,13 @@
 """A second mission on the same drone without a restart of its agent: nothing of the first one remains."""
 
 import pytest
-from one_pilot import SECOND, START_NS, command, cone_of, messages, started, state, tracking
 
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.protocol.codec import encode
 from radron.protocol.entries import Coverage, Entry
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Stage, Status
+from support.flights.one_pilot import SECOND, START_NS, command, cone_of, messages, started, state, tracking
 
 AGAIN_NS = START_NS + 120 * SECOND
 GROUND = {"armed": False, "in_air": False, "position": (2.0, 1.0, 0.0)}

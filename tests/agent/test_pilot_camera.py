@@ -1,11 +1,11 @@
 """Reports on a faulty camera, and which faults prevent a start."""
 
 import numpy as np
-from one_pilot import SECOND, START_NS, TICK_NS, messages, pilot, state
 
 from radron.agent.detector.readout import PixelHits, Readout
 from radron.protocol.codec import decode_from
 from radron.protocol.messages import Stage, Status
+from support.flights.one_pilot import SECOND, START_NS, TICK_NS, messages, pilot, state
 
 
 def after_30_s(hits_of):

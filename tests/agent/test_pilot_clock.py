@@ -3,7 +3,6 @@
 import msgspec
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, partner, pilot, state, tracking
 
 from radron.agent.flight import topics
 from radron.agent.flight.recorded import RecordedPilot
@@ -13,6 +12,7 @@ from radron.protocol.codec import decode_from, encode
 from radron.protocol.entries import Fix
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Action, Plan, Pose, Stage, Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, partner, pilot, state, tracking
 
 MS = 1_000_000
 STEPS_S = [-3600.0, -5.0, -0.5, 0.5, 1.5, 5.0]

@@ -3,12 +3,12 @@
 from itertools import permutations
 
 import pytest
-from members import AUTHORITY, cones, credential, give, trusting
 from msgspec.structs import replace
-from one_pilot import SECOND, START_NS, messages, state
 
 from radron.protocol.messages import Status
 from radron.protocol.signing import sign_entries
+from support.flights.members import AUTHORITY, cones, credential, give, trusting
+from support.flights.one_pilot import SECOND, START_NS, messages, state
 
 NUMBER = 17
 COUNTED = list(cones(range(1, NUMBER)))

@@ -1,12 +1,11 @@
 """Exchange between two pilots' logs: all missing entries, in bounded portions, and nothing else."""
 
-from one_pilot import AREA, MISSION, SECOND, START_NS, cone_of, pilot
-
 from radron.agent.config.mission import MissionConfig
 from radron.agent.fusion.exchange import MAX_ANSWER_BYTES, MAX_ANSWER_ENTRIES
 from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
 from radron.protocol.summary import encode_summary
+from support.flights.one_pilot import AREA, MISSION, SECOND, START_NS, cone_of, pilot
 
 END_NS = START_NS + 3600 * SECOND
 OTHER = MissionConfig(name="other", area=AREA, drones=MISSION.drones)

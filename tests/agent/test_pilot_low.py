@@ -3,10 +3,10 @@
 from math import hypot
 
 import pytest
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, fly, state, tracking
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Action, Stage
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, fly, state, tracking
 
 
 @pytest.mark.parametrize(("before", "action"), [(Action.LAND, Action.RETURN), (None, Action.RESUME)])

@@ -4,12 +4,11 @@ import asyncio
 import time
 from contextlib import asynccontextmanager
 
-from meshes import endpoint, until
-from one_pilot import MISSION, SECOND, cone_of, pilot
-
 from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
 from radron.protocol.mesh.session import Mesh, MeshConfig
+from support.flights.one_pilot import MISSION, SECOND, cone_of, pilot
+from support.mesh.meshes import endpoint, until
 
 
 @asynccontextmanager

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 
 from radron.protocol.messages import Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 
 beam = pytest.importorskip("radron.sim.radiation.beam")
 camera = pytest.importorskip("radron.sim.radiation.camera")

@@ -2,9 +2,7 @@
 
 import msgspec
 import pytest
-from members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation, trusting
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, fly, partner, state
 
 from radron.agent.fusion.revocations import MAX_REFUSED_REVOCATIONS_PS
 from radron.agent.mission.memory import Memory
@@ -15,6 +13,8 @@ from radron.protocol.identity import Role
 from radron.protocol.messages import Action, Pose, Stage
 from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Revoked
 from radron.protocol.signing import sign_obeying
+from support.flights.members import AUTHORITY, BOOT, full, keyed, order, passed_on, revocation, trusting
+from support.flights.one_pilot import MISSION, SECOND, START_NS, fly, partner, state
 
 
 def obeying(one, now_ns):

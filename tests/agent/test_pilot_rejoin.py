@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, fly, messages, partner, pilot, state, tracking
 
 from radron.agent.config.mission import MissionConfig, TrackConfig
 from radron.agent.frames.kept import KeptFrame
@@ -20,6 +19,20 @@ from radron.protocol.codec import encode
 from radron.protocol.entries import Coverage
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Action, Plan, Pose, Stage, Status
+from support.flights.one_pilot import (
+    MISSION,
+    SECOND,
+    START_NS,
+    TICK_NS,
+    command,
+    cone_of,
+    fly,
+    messages,
+    partner,
+    pilot,
+    state,
+    tracking,
+)
 
 BACK_NS = START_NS + 30 * SECOND  # when the agent is there again
 HOME = (5.0, 5.0, 3.0)

@@ -1,10 +1,9 @@
 """An agent that is restarted in flight while its autopilot holds: the origin of the hold."""
 
-from one_pilot import SECOND, START_NS, TICK_NS, command, fly, pilot, state
-
 from radron.agent.shell.statestore import State, decode_state, encode_state
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.protocol.messages import Stage
+from support.flights.one_pilot import SECOND, START_NS, TICK_NS, command, fly, pilot, state
 
 BACK_NS = START_NS + 30 * SECOND  # when the agent is there again
 NEW_BOOT = "f" * 16

@@ -7,7 +7,21 @@ from math import isinf
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from members import (
+from msgspec.structs import replace
+
+from radron.agent.config.drone import DroneConfig
+from radron.agent.fusion.revocations import MAX_REFUSED_REVOCATIONS_PS
+from radron.agent.mission.commanding import Verdict
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codec import decode, encode
+from radron.protocol.entries import Coverage
+from radron.protocol.identity import Role
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Pose, Stage, Status
+from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Revoked
+from radron.protocol.signing import sign_entries
+from support.flights.members import (
     AUTHORITY,
     BOOT,
     FOREIGN,
@@ -23,21 +37,7 @@ from members import (
     revocation,
     trusting,
 )
-from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, fly, messages, partner, state
-
-from radron.agent.config.drone import DroneConfig
-from radron.agent.fusion.revocations import MAX_REFUSED_REVOCATIONS_PS
-from radron.agent.mission.commanding import Verdict
-from radron.agent.pilot import Pilot
-from radron.agent.vehicle.interface import FlightMode
-from radron.protocol.codec import decode, encode
-from radron.protocol.entries import Coverage
-from radron.protocol.identity import Role
-from radron.protocol.keys import key_of
-from radron.protocol.messages import Action, Pose, Stage, Status
-from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Revoked
-from radron.protocol.signing import sign_entries
+from support.flights.one_pilot import MISSION, SECOND, START_NS, fly, messages, partner, state
 
 ANNA = AUTHORITY.trust("anna", Role.OPERATOR, may_revoke=True)
 OBEYED = Verdict()

@@ -1,10 +1,8 @@
 """A pilot with certificates: forged entries and commands do nothing, and are reported; each beside the allowed case."""
 
 import pytest
-from members import AUTHORITY, FOREIGN, OPERATOR, cones, credential, give, order, trusting
 from msgspec import UNSET
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, messages, state
 
 from radron.agent.mission.orders import NONCE_NS, START_AGE_NS
 from radron.agent.vehicle.interface import FlightMode
@@ -15,6 +13,8 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import MAX_ORDER_AGE_NS, Action, Command, Stage, Status
 from radron.protocol.signing import Verifier, sign_command, sign_status
 from radron.sim.lockstep.members import OPERATOR_NAME
+from support.flights.members import AUTHORITY, FOREIGN, OPERATOR, cones, credential, give, order, trusting
+from support.flights.one_pilot import MISSION, SECOND, START_NS, messages, state
 
 
 def ready():

@@ -2,13 +2,13 @@
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, pilot, state
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.codec import encode
 from radron.protocol.entries import Counts, Coverage, Exposure, Fix, PoseSample, Sighting
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Stage
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, cone_of, pilot, state
 
 ESTIMATED = replace(
     MISSION,

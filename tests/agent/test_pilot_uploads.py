@@ -1,9 +1,7 @@
 """A pilot to which an operator uploads a mission: acceptance and refusal, each beside the allowed case."""
 
 import pytest
-from members import AUTHORITY, FOREIGN, OPERATOR, order, trusting
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.codec import decode, encode
@@ -12,6 +10,8 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import MAX_ORDER_AGE_NS, Action, Answer, Stage, Status, Ticket, Upload
 from radron.protocol.signing import sign_command, sign_status
 from radron.sim.lockstep.members import OPERATOR_NAME
+from support.flights.members import AUTHORITY, FOREIGN, OPERATOR, order, trusting
+from support.flights.one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
 NEW = "abcdef0123456789"
 PARTS = (b"h" * 32,)

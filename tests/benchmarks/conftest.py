@@ -1,3 +1,3 @@
 """Fixtures of the benchmarks' tests."""
 
-from recorded_flights import flights  # noqa: F401 - a fixture
+from support.flights.recorded_flights import flights  # noqa: F401 - a fixture

@@ -23,15 +23,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from mavsdk_json import fields_of
-from px4_replay import recordings, replay
-from recorded_px4 import packets
 
 from radron.agent.vehicle.interface import FlightMode, Request, Setpoint, VehicleCommand
 from radron.sim.geometry import Array
 from radron.sim.vehicle.autopilot import Autopilot
 from radron.sim.vehicle.guidance import Target
 from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth, Setpoints
+from support.px4.mavsdk_json import fields_of
+from support.px4.recorded import packets
+from support.px4.replay import recordings, replay
 
 WATCHED_S = 4.0  # the landing from 6.6 m/s is no longer
 # Two recorded vehicles were stopped at the fence: from 4.9 m/s one got 7.4 m far, from 5.1 m/s the other 8.6 m. That is 0.9 m

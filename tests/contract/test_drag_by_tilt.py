@@ -6,10 +6,10 @@ from math import cos, hypot, pi, sin
 
 import numpy as np
 import pytest
-from recorded_series import Recording, recordings
 
 from radron.agent.navigation.drag import DragFilter
 from radron.agent.vehicle.interface import FlightMode, VehicleState
+from support.px4.recorded_series import Recording, recordings
 
 STEP_S = 0.05
 MOVING = sorted(name for name in recordings() if "circle" in name or "square" in name)

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recorded_px4 import NAMES, Look, Replay
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.agent.vehicle.trust import CONFIRM_S
+from support.px4.recorded import NAMES, Look, Replay
 
 HERE = Path(__file__).parent / "recordings"
 TIMELINES = {one["name"]: one for one in json.loads(lzma.decompress((HERE / "timelines.json.xz").read_bytes()))}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from linked_px4 import Solo
 from pymavlink.dialects.v20 import development as mavlink
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Action, Stage
+from support.px4.linked import Solo
 
 LOST_S = 40.0  # after its last heartbeat; a takeoff takes half of that
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import cache
 
 import pytest
-from linked_px4 import Solo
 from msgspec.structs import replace
-from one_pilot import MISSION
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.agent.vehicle.mavlink.messages import ExtendedState, Heartbeat
 from radron.protocol.messages import Action, Stage
+from support.flights.one_pilot import MISSION
+from support.px4.linked import Solo
 
 SEEDS = range(30)  # each with other phases of all streams of telemetry
 HIGH = replace(MISSION, survey=replace(MISSION.survey, height_m=8.0))

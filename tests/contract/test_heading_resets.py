@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import pytest
-from one_pilot import MISSION, own_pose
-from recorded_flown import MAIN, V1_16, FlownReplay
 
 from radron.agent.frames.graph import FrameGraph
+from support.flights.one_pilot import MISSION, own_pose
+from support.px4.recorded_flown import MAIN, V1_16, FlownReplay
 
 NEAR_M = 0.6  # error of an estimate in flight, and of the mean on the ground from which it is counted
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from linked_px4 import Solo
 
 from radron.agent.mission.standing import STANDS_NS
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Action, Stage
+from support.px4.linked import Solo
 
 
 def landing(seed: int, disarms_s: float | None = None) -> Solo:

@@ -6,8 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from linked_px4 import Solo
-from recorded_flown import MAIN, V1_16, HeadingReset, Recorded, heading_resets, recorded
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Action, Stage
@@ -16,6 +14,8 @@ from radron.sim.vehicle.px4.mavlink.status import extended_sys_state
 from radron.sim.vehicle.px4.mavlink.telemetry import attitude, hil_state, local_position
 from radron.sim.vehicle.px4.release import ReleaseName
 from radron.sim.world.localization import LocalizationTruth
+from support.px4.linked import Solo
+from support.px4.recorded_flown import MAIN, V1_16, HeadingReset, Recorded, heading_resets, recorded
 
 SEEDS = range(8)
 RECORDED: dict[ReleaseName, tuple[str, ...]] = {"1.16": V1_16, "1.17": MAIN}

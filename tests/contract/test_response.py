@@ -9,10 +9,10 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from recorded_series import CHANGED, Recording, fly, is_for_fitting, recordings
 
 from radron.sim.vehicle.multirotor import MultirotorTruth
 from radron.sim.world.localization import Localization, LocalizationTruth
+from support.px4.recorded_series import CHANGED, Recording, fly, is_for_fitting, recordings
 
 SEEDS = 10
 LAG_S, RADIUS_M = 0.06, 0.3

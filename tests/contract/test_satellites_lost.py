@@ -7,7 +7,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from recorded_px4 import LOOK_S, Asked, Replay
 
 from radron.agent.config.mission import TrackConfig
 from radron.agent.mission.situation import Situation
@@ -15,6 +14,7 @@ from radron.agent.mission.stages import Mission
 from radron.agent.mission.transitions import Event
 from radron.agent.vehicle.interface import Request, Setpoint, VehicleCommand
 from radron.protocol.messages import Action, Stage
+from support.px4.recorded import LOOK_S, Asked, Replay
 
 SECOND = 1_000_000_000
 SET_MODE, LAND = 176, 21

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from linked_px4 import Solo
 from msgspec.structs import replace
-from one_pilot import MISSION
 
 from radron.agent.vehicle.interface import FlightMode
 from radron.agent.vehicle.requests import BLIND_S
 from radron.protocol.messages import Action, Stage
 from radron.sim.vehicle.px4.modes import Mode
+from support.flights.one_pilot import MISSION
+from support.px4.linked import Solo
 
 HIGH = replace(MISSION, survey=replace(MISSION.survey, height_m=8.0))
 SEEDS = range(3)  # each with other phases of all streams of telemetry

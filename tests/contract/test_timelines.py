@@ -14,14 +14,14 @@ from __future__ import annotations
 import functools
 from itertools import pairwise
 
-import px4_sequences as sequences
 import pytest
-from px4_delays import DELAYS, Flown, delays
-from px4_replay import STEP_S, Replay, recordings, replay, start
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.sim.vehicle.px4.mavlink.dialect import CurrentEventSequence, CurrentMode
 from radron.sim.vehicle.px4.mavlink.streams import ONBOARD_HZ
+from support.px4 import sequences
+from support.px4.delays import DELAYS, Flown, delays
+from support.px4.replay import STEP_S, Replay, recordings, replay, start
 
 pytestmark = pytest.mark.slow  # 25 minutes of recordings, replayed
 

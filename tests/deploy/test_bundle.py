@@ -12,7 +12,6 @@ from pathlib import Path
 import msgspec
 import pytest
 from cryptography.x509.oid import ExtendedKeyUsageOID
-from onboard import NEW, OLD, OnboardFiles, well
 
 from radron.agent.update.errors import UpdateError as Refused
 from radron.agent.update.install import Updater, run_told
@@ -34,6 +33,7 @@ from radron.deploy.update.errors import UpdateError
 from radron.protocol.identity import Role
 from radron.protocol.messages import Stage
 from radron.protocol.onboard import Needs, Release, Report, Trial
+from support.computers.onboard import NEW, OLD, OnboardFiles, well
 
 LACKING = [name for name in ("rauc", "mksquashfs") if shutil.which(name) is None]
 needs_rauc = pytest.mark.skipif(

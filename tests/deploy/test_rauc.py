@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from onboard import NEW, OLD, OnboardFiles, well
 
 from radron.agent.update.errors import UpdateError
 from radron.agent.update.install import Updater, run_told
 from radron.deploy.pki.authority import PkiFolder
 from radron.protocol.identity import Role
+from support.computers.onboard import NEW, OLD, OnboardFiles, well
 
 LACKING = [name for name in ("rauc", "dbus-daemon", "mksquashfs") if shutil.which(name) is None]
 BUS = """<busconfig><type>system</type><listen>unix:path={folder}/bus</listen><auth>EXTERNAL</auth>

@@ -11,10 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from meshes import free_port
-from sshserver import LACKING, ssh_server
 
 from radron.deploy.remote import Host, RemoteError, at_all, fetch, run, send
+from support.computers.sshserver import LACKING, ssh_server
+from support.mesh.meshes import free_port
 
 pytestmark = pytest.mark.skipif(LACKING is not None, reason=LACKING or "")
 

@@ -6,7 +6,8 @@ import shutil
 from collections.abc import Iterator
 
 import pytest
-from composition import ROOT, Composition, Onlooker, until
+
+from support.computers.composition import ROOT, Composition, Onlooker, until
 
 pytestmark = pytest.mark.skipif("DOCKER_TEST" not in os.environ, reason="needs a docker engine: `make docker-test` runs it")
 

@@ -1,7 +1,8 @@
 import sys
 
-import docs_pages
 import pytest
+
+from support import docs_pages
 
 
 @pytest.fixture(scope="session")

@@ -6,10 +6,10 @@ import re
 from pathlib import Path
 
 import numpy as np
-from fleets import KEY, make_fleet
 from scipy.spatial.transform import Rotation
 
 from radron.deploy.fleet.loading import load_fleet
+from support.computers.fleets import KEY, make_fleet
 
 DOCS = Path(__file__).parents[2] / "docs"
 FLU = {"forward": (1, 0, 0), "left": (0, 1, 0), "up": (0, 0, 1), "down": (0, 0, -1)}

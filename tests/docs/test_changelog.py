@@ -3,8 +3,9 @@
 import re
 import tomllib
 
-import docs_pages
 import pytest
+
+from support import docs_pages
 
 CONFIG = tomllib.loads((docs_pages.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["towncrier"]
 KINDS = [kind["directory"] for kind in CONFIG["type"]]

@@ -2,8 +2,9 @@
 
 import re
 
-import docs_pages
 import pytest
+
+from support import docs_pages
 
 MAX_LINES = 150  # two printed pages
 TEXT = (docs_pages.ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

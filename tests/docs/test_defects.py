@@ -6,9 +6,10 @@ import sys
 from functools import cache
 from typing import get_args
 
-import docs_pages
 import msgspec
 import pytest
+
+from support import docs_pages
 
 sys.path.insert(0, str(docs_pages.DOCS / "reference"))
 try:

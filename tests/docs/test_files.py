@@ -3,8 +3,9 @@
 import re
 import sys
 
-import docs_pages
 import pytest
+
+from support import docs_pages
 
 MAX_LINES = 400  # of a file in a package (CONTRIBUTING.md)
 PACKAGES = ("protocol", "agent", "sim", "station", "deploy")

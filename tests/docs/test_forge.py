@@ -3,9 +3,10 @@
 import re
 import tomllib
 
-import docs_pages
 import pytest
 import yaml
+
+from support import docs_pages
 
 FORGE = docs_pages.ROOT / ".github"
 PROJECT = tomllib.loads((docs_pages.ROOT / "pyproject.toml").read_text())["project"]

@@ -3,11 +3,11 @@
 import subprocess
 import sys
 
-import docs_pages
 import pytest
 
 from radron.sim.lockstep.flight import fly
 from radron.sim.scenario import load_scenario, override
+from support import docs_pages
 
 
 @pytest.fixture

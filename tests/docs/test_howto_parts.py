@@ -5,7 +5,6 @@ import importlib.util
 import sys
 from pathlib import Path
 
-import docs_pages
 import pytest
 
 from radron.agent.config.drone import DroneConfig
@@ -18,6 +17,7 @@ from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Action, Command, Stage
 from radron.sim.scenario import load_scenario
+from support import docs_pages
 
 SECOND = 1_000_000_000
 

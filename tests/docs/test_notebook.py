@@ -3,8 +3,9 @@
 import importlib.util
 import json
 
-import docs_pages
 import pytest
+
+from support import docs_pages
 
 NOTEBOOK = docs_pages.DOCS / "notebooks" / "first-flight.ipynb"
 

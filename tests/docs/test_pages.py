@@ -4,7 +4,6 @@ import pkgutil
 import re
 import shlex
 
-import docs_pages
 import msgspec
 import pytest
 import typer
@@ -18,6 +17,7 @@ from radron.agent.config.drone import DroneConfig
 from radron.agent.config.loading import convert
 from radron.agent.config.mission import MissionConfig
 from radron.deploy.fleet.config import FleetConfig
+from support import docs_pages
 
 PROGRAMS = {
     "radron-agent": radron.agent.cli.app,

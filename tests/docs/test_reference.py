@@ -4,7 +4,6 @@ import re
 import types
 import typing
 
-import docs_pages
 import msgspec
 import pytest
 
@@ -15,6 +14,7 @@ from radron.protocol.messages import KINDS, Action, Stage
 from radron.sim import api
 from radron.sim.result import RunResult, Trace
 from radron.sim.scenario import Scenario
+from support import docs_pages
 
 
 def struct_types(kind, leave_out=()):

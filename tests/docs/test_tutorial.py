@@ -4,8 +4,9 @@ import os
 import subprocess
 import sys
 
-import docs_pages
 import pytest
+
+from support import docs_pages
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import words
+from support import words
 
 PLAIN = "Return the peers in two-way contact. Distances in metres."
 PRONOUNS = "Who hears nobody may be the one that is cut off."

@@ -13,8 +13,6 @@ from math import dist
 from pathlib import Path
 
 import pytest
-from live_agents import Agent, Vehicles, closing, command, operator_folder, station_endpoint, until, write_configs
-from live_run import PATIENCE_S, stretched
 
 from radron.agent.config.loading import load_mission
 from radron.protocol.codec import decode
@@ -22,6 +20,8 @@ from radron.protocol.entries import Coverage, EntryId
 from radron.protocol.identity import load_identity
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.summary import encode_summary
+from support.live.agents import Agent, Vehicles, closing, command, operator_folder, station_endpoint, until, write_configs
+from support.live.run import PATIENCE_S, stretched
 
 FAILSAFE_S = 2.0  # the required limit
 START_S = 120.0  # boot of the vehicles (5 s), start of the agents, takeoff (10 s), on a busy computer

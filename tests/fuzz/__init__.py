@@ -3,6 +3,6 @@
 import sys
 from pathlib import Path
 
-_SUPPORT = Path(__file__).parents[1] / "support"
-# The helpers of the tests, as pytest finds them.
-sys.path += [str(folder) for folder in (_SUPPORT, *sorted(_SUPPORT.glob("[a-z]*/"))) if str(folder) not in sys.path]
+_LIB = str(Path(__file__).parents[1] / "lib")  # the package support, as pytest finds it
+if _LIB not in sys.path:
+    sys.path.append(_LIB)

@@ -10,13 +10,13 @@ from typing import Any
 
 import msgspec
 import tomli_w
-from one_pilot import AREA
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.loading import load_mission, load_toml
 from radron.agent.config.mission import DatumConfig, DroneInMission, MissionConfig
 from radron.agent.errors import ConfigError
 from radron.sim.scenario import load_scenario, shipped
+from support.flights.one_pilot import AREA
 from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated, nested
 from tests.fuzz.target import Probe, Target, expect
 

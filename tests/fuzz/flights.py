@@ -9,8 +9,6 @@ import msgpack
 import msgspec
 import numpy as np
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, command, cone_of, partner, state
-from recorded_flights import rewritten
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.detector.readout import PixelHits, Readout
@@ -26,6 +24,8 @@ from radron.agent.pilot import Pilot
 from radron.agent.vehicle.interface import FlightMode, GnssFix, SeenDrone
 from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
+from support.flights.one_pilot import MISSION, SECOND, START_NS, command, cone_of, partner, state
+from support.flights.recorded_flights import rewritten
 from tests.fuzz.mutation import broken, broken_text, hostile, mutated
 from tests.fuzz.target import Probe, Target, expect
 

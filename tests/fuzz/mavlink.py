@@ -10,10 +10,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from linked_px4 import CEILING_M, PARAMETERS, STEP_S, UTC_NS
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
-from mavsdk_json import fields_of
-from one_pilot import MISSION
 from pymavlink.dialects.v20 import common
 
 from radron.agent.config.drone import DroneConfig, VehicleConfig
@@ -28,6 +25,9 @@ from radron.sim.vehicle.multirotor import Multirotors, MultirotorTruth
 from radron.sim.vehicle.px4.config import Px4Config
 from radron.sim.vehicle.px4.fleet import Px4Fleet
 from radron.sim.world.localization import Localization, LocalizationTruth
+from support.flights.one_pilot import MISSION
+from support.px4.linked import CEILING_M, PARAMETERS, STEP_S, UTC_NS
+from support.px4.mavsdk_json import fields_of
 from tests.fuzz.mutation import broken, mutated
 from tests.fuzz.packets import from_companion, odd_payload, recorded
 from tests.fuzz.target import Probe, Target, expect

@@ -13,7 +13,6 @@ from typing import Any
 import msgpack
 import msgspec
 from msgspec.structs import replace
-from one_pilot import AREA, MISSION, SECOND, START_NS, command, cone_of, nonce_key_of, state
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.estimators import FusionConfig
@@ -23,6 +22,7 @@ from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.codec import decode_from, encode
 from radron.protocol.keys import drone_key, key_of, station_key
 from radron.protocol.messages import DRONE_KINDS, KINDS, STATION_KINDS, Status
+from support.flights.one_pilot import AREA, MISSION, SECOND, START_NS, command, cone_of, nonce_key_of, state
 from tests.fuzz.mutation import HOSTILE_TEXTS, broken, hostile, mutated, nested
 from tests.fuzz.target import Probe, Target, expect
 from tests.fuzz.valid import documents

@@ -10,8 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common, development
 from pymavlink.generator.mavcrc import x25crc
-from recorded_px4 import packets
 
+from support.px4.recorded import packets
 from tests.fuzz.mutation import HOSTILE_NUMBERS
 
 RECORDINGS = ("B_flight1", "D_gps_loss_5s_circling_r12_v3", "A_boot_gcs_wait")

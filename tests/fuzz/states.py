@@ -9,7 +9,6 @@ from random import Random
 import msgspec
 import numpy as np
 import structlog
-from one_pilot import MISSION, SECOND, START_NS, state
 
 from radron.agent.config.drone import DroneConfig, VehicleConfig
 from radron.agent.frames.kept import KeptFrame, KeptTransform
@@ -21,6 +20,7 @@ from radron.agent.vehicle.interface import FlightMode, LaunchPlace
 from radron.agent.vehicle.mavlink.messages import Attitude, ExtendedState, GlobalOrigin, Heartbeat, LocalPosition, SystemStatus
 from radron.agent.vehicle.telemetry import Telemetry
 from radron.protocol.messages import Stage
+from support.flights.one_pilot import MISSION, SECOND, START_NS, state
 from tests.fuzz.mutation import HOSTILE_NUMBERS, HOSTILE_TEXTS, broken_text, mutated
 from tests.fuzz.target import Probe, Target, expect
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from one_pilot import MISSION
 
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import parse_key
 from radron.protocol.messages import KINDS
+from support.flights.one_pilot import MISSION
 from tests.fuzz import __main__ as command
 from tests.fuzz.messages import Messages
 from tests.fuzz.runner import Journal, Outcome, chunks, keep

@@ -7,9 +7,9 @@ from random import Random
 from typing import Any
 
 from msgspec import inspect
-from schema_messages import CONSISTENT, UNIT_BOUND, document, normalised
 
 from radron.protocol.messages import KINDS
+from support.flights.schema_messages import CONSISTENT, UNIT_BOUND, document, normalised
 
 _TEXTS = {  # of the patterns of radron.protocol.units, by a part of them
     "0-9]{1,3}m?": ("Cs-137", "Co-60", "Am-241", "Ba-133", "Zz-999m"),

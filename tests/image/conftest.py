@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cutbench import IN_MESH, ON_TRIAL, UPDATED, Bench, Push
-from cutdisk import Content
-from dronedisk import BOOT_S, ROOT, Drone
-from machine import Machine
 
 from radron.deploy.image.build import build_image
 from radron.deploy.image.layout import ROOT_B
 from radron.deploy.update.bundle import build_bundle
+from support.computers.cutbench import IN_MESH, ON_TRIAL, UPDATED, Bench, Push
+from support.computers.cutdisk import Content
+from support.computers.dronedisk import BOOT_S, ROOT, Drone
+from support.computers.machine import Machine
 
 _KEPT = "bench.pickle"
 

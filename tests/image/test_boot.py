@@ -10,14 +10,14 @@ import time
 from pathlib import Path
 
 import pytest
-from dronedisk import BOOT_S, Drone
-from machine import Machine, lacking
-from time_teller import telling
 
 from radron.deploy.image.compare import unpack_root
 from radron.deploy.image.layout import MIN_DISK_BYTES, ROOT_A
 from radron.protocol.identity import load_identity
 from radron.protocol.mesh.session import Mesh, MeshConfig
+from support.computers.dronedisk import BOOT_S, Drone
+from support.computers.machine import Machine, lacking
+from support.px4.time_source import telling
 
 pytestmark = [
     pytest.mark.long,

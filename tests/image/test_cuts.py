@@ -10,12 +10,12 @@ from __future__ import annotations
 import os
 
 import pytest
-from cutbench import IN_MESH, ON_TRIAL, PROVISIONED, UPDATED, Bench
-from cutdisk import Moment
-from dronedisk import BOOT_S
-from machine import lacking
 
 from radron.deploy.image.layout import ROOT_B
+from support.computers.cutbench import IN_MESH, ON_TRIAL, PROVISIONED, UPDATED, Bench
+from support.computers.cutdisk import Moment
+from support.computers.dronedisk import BOOT_S
+from support.computers.machine import lacking
 
 pytestmark = [
     pytest.mark.long,

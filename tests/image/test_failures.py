@@ -9,12 +9,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from cutbench import IN_MESH, PROVISIONED, SETTLED, Bench, Push
-from dronedisk import BOOT_S, Drone
-from machine import Machine, lacking
 
 from radron.agent.shell.heartbeat import SILENT_START_S
 from radron.deploy.image.layout import CONFIG
+from support.computers.cutbench import IN_MESH, PROVISIONED, SETTLED, Bench, Push
+from support.computers.dronedisk import BOOT_S, Drone
+from support.computers.machine import Machine, lacking
 
 pytestmark = [
     pytest.mark.long,

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from machine import lacking
 
 from radron.deploy.image.compare import unpack_root
 from radron.deploy.image.layout import ROOT_A
@@ -20,6 +19,7 @@ from radron.sim.live.processes import Child
 from radron.sim.live.swarm import fly_live
 from radron.sim.live.view import View
 from radron.sim.scenario import load_scenario
+from support.computers.machine import lacking
 
 pytestmark = [
     pytest.mark.long,

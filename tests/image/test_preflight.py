@@ -8,17 +8,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from bench_camera import bench_camera
-from cutbench import IN_MESH
-from dronedisk import BOOT_S, Drone
-from live_agents import Agent, Vehicles, closing, free_ports
-from machine import Machine, lacking
-from serial_line import SerialLine
-from timeserver import time_server
 
 from radron.agent.doctor.report import Report
 from radron.deploy.computer.doctor import BENCH, report_in
 from radron.deploy.remote import RemoteError
+from support.computers.cutbench import IN_MESH
+from support.computers.dronedisk import BOOT_S, Drone
+from support.computers.machine import Machine, lacking
+from support.computers.timeserver import time_server
+from support.live.agents import Agent, Vehicles, closing, free_ports
+from support.px4.serial_line import SerialLine
+from support.sensors.bench_camera import bench_camera
 
 pytestmark = [
     pytest.mark.long,

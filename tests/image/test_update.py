@@ -12,10 +12,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from cutbench import SETTLED, Bench, Kept, Push, Run
-from cutdisk import BLOCK_BYTES, Content
-from dronedisk import BOOT_S, ROOT, Drone
-from machine import lacking
 
 from radron.deploy.digest import digest
 from radron.deploy.image.build import read_manifest
@@ -23,6 +19,10 @@ from radron.deploy.image.layout import ROOT_B
 from radron.deploy.image.rootfs import COMPRESSION
 from radron.deploy.update.bundle import BundleManifest, extract_root, manifest_file, write_bundle
 from radron.protocol.onboard import Release
+from support.computers.cutbench import SETTLED, Bench, Kept, Push, Run
+from support.computers.cutdisk import BLOCK_BYTES, Content
+from support.computers.dronedisk import BOOT_S, ROOT, Drone
+from support.computers.machine import lacking
 
 pytestmark = [
     pytest.mark.long,

@@ -9,13 +9,13 @@ from pathlib import Path
 from shutil import which
 
 import pytest
-from identities import private_key
-from live_run import live_run
 
 from radron.agent.flight.replay import replay
 from radron.sim.live.world import SLIP_S
 from radron.sim.result import RunResult
 from radron.station.replay import Records
+from support.live.run import live_run
+from support.mesh.identities import private_key
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 

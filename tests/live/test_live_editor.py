@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from browser import browsing, needs_browser, until
-from live_agents import Agent, Vehicles, closing, operator_folder, station_endpoint, write_configs
-from live_agents import until as until_true
 
 from radron.agent.config.loading import load_mission
 from radron.agent.flight.audit import audit
 from radron.agent.flight.reader import RecordedFlight
+from support.live.agents import Agent, Vehicles, closing, operator_folder, station_endpoint, write_configs
+from support.live.agents import until as until_true
+from support.page.browser import browsing, needs_browser, until
 
 
 @contextmanager

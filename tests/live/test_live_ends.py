@@ -6,7 +6,8 @@ import signal
 from pathlib import Path
 
 import pytest
-from live_run import live_run
+
+from support.live.run import live_run
 
 UP_S, DOWN_S = 180.0, 20.0  # the machine is shared: 10 s and 3 s on an unshared machine
 

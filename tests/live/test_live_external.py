@@ -9,10 +9,10 @@ import sysconfig
 from pathlib import Path
 
 import pytest
-from live_run import live_run
 
 from radron.agent.config.drone import DetectorConfig, DroneConfig, PeerMeshConfig, VehicleConfig
 from radron.sim.live.runfolder import as_toml
+from support.live.run import live_run
 
 READY_S, DOWN_S = 180.0, 20.0  # the machine is shared: 10 s and 3 s on an unshared machine
 AGENT = Path(sysconfig.get_path("scripts")) / "radron-agent"

@@ -13,7 +13,6 @@ from math import atan2, degrees
 from pathlib import Path
 
 import pytest
-from live_run import PATIENCE_S, live_run, stretched
 from msgspec.structs import replace
 
 from radron.agent.flight import topics
@@ -34,6 +33,7 @@ from radron.sim.live.worldlink import Order, Truth
 from radron.sim.px4test.witness import Moment, Witness
 from radron.sim.result import Flight
 from radron.sim.scenario import load_scenario, override
+from support.live.run import PATIENCE_S, live_run, stretched
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 CIRCLED_S = 3.0

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from live_run import live_run
 
 from radron.agent.flight.replay import replay
+from support.live.run import live_run
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 

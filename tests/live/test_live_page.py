@@ -9,11 +9,11 @@ from pathlib import Path
 
 import psutil
 import pytest
-from browser import browsing, needs_browser, until
-from live_run import PATIENCE_S, LiveRun, live_run, stretched
 
 from radron.station.findings.facts import BY_DRONES
 from radron.station.findings.seal import verify
+from support.live.run import PATIENCE_S, LiveRun, live_run, stretched
+from support.page.browser import browsing, needs_browser, until
 
 PICTURES = Path("results/page")
 

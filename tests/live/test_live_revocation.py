@@ -9,7 +9,6 @@ from itertools import pairwise, permutations
 from pathlib import Path
 
 import pytest
-from live_run import PATIENCE_S, stretched
 
 from radron.agent.flight import topics
 from radron.agent.flight.audit import audit
@@ -24,6 +23,7 @@ from radron.sim.live.view import View
 from radron.sim.live.worldlink import Order
 from radron.sim.px4test.witness import Witness, least_distance_m
 from radron.sim.scenario import load_scenario, override
+from support.live.run import PATIENCE_S, stretched
 
 TOOL = str(Path(sysconfig.get_path("scripts")) / "radron-agent")
 SHUT_OUT_S = 10.0

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import psutil
 import pytest
-from live_run import live_run, stretched
 
 from radron.agent.flight import topics
 from radron.agent.flight.reader import RecordedFlight
 from radron.agent.flight.replay import replay
+from support.live.run import live_run, stretched
 
 FLIGHT_S = 300.0  # 60 s of it are flown; the machine is shared
 STEP_S = 0.2  # for a step of the pilot, on a machine with nothing else to do; a search for further sources takes as long

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from lossy_flight import LACKING, can_lose_packets, fly_over
+
+from support.live.lossy_flight import LACKING, can_lose_packets, fly_over
 
 pytestmark = pytest.mark.skipif(not can_lose_packets(), reason=LACKING)
 

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import psutil
 import pytest
-from live_run import stretched
-from px4_ports import px4_ports
+
+from support.live.run import stretched
+from support.px4.ports import px4_ports
 
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
-STANDIN = Path(__file__).parents[1] / "support/px4/px4_flying_standin.py"
+STANDIN = Path(__file__).parents[1] / "lib/support/px4/flying_standin.py"
 LONGEST_S = 400.0
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from encrypted import DRONES
-from identities import identity, new_issuer
 
 from radron.protocol.identity import Role
 from radron.protocol.issuing import Issuer
+from support.mesh.encrypted import DRONES
+from support.mesh.identities import identity, new_issuer
 
 
 @pytest.fixture(scope="session")

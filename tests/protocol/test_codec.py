@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from schema_messages import document, messages
 
 from radron.protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_as, decode_from, encode
 from radron.protocol.entries import Cone, ConeOrder, Counts, Coverage, Credential, Exposure, PoseSample, Retraction, Sighting
@@ -20,6 +19,7 @@ from radron.protocol.keys import command_key, drone_key, key_of
 from radron.protocol.message import Message
 from radron.protocol.messages import KINDS, Command, Estimate, Frame, Plan, Pose, Source, Status, Ticket
 from radron.protocol.spectrum import SpectrumBin
+from support.flights.schema_messages import document, messages
 
 POSE = Pose(
     stamp_ns=1,

@@ -13,10 +13,10 @@ from typing import IO, Any
 
 import pytest
 from cryptography import x509
-from identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, private_key, write_wrong
 
 from radron.protocol.identity import IdentityError, Role, load_identity
 from radron.protocol.issuing import Issuer, throwaway, write_identity
+from support.mesh.identities import DAY_NS, Wrong, certificate, identity, new_issuer, now_ns, private_key, write_wrong
 
 
 @pytest.fixture(scope="module")

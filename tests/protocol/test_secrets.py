@@ -11,12 +11,12 @@ from typing import get_type_hints
 
 import pytest
 import typer
-from identities import identity, new_issuer
 
 import radron.agent.cli
 import radron.deploy.cli
 import radron.sim.cli
 import radron.station.cli
+from support.mesh.identities import identity, new_issuer
 
 ROOT = Path(__file__).parents[2]
 CRASH = """

@@ -5,16 +5,16 @@ import dataclasses
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from members import AUTHORITY, FOREIGN, cones, credential
 from msgspec import UNSET, msgpack
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS
 
 from radron.protocol.codec import MAX_ENTRY_BYTES, decode, encode
 from radron.protocol.entries import SIGNATURE_BYTES
 from radron.protocol.errors import ProtocolError
 from radron.protocol.messages import Obeyed, Stage, Status, Ticket
 from radron.protocol.signing import MAX_BATCH_ENTRIES, Verifier, sign_entries, sign_status
+from support.flights.members import AUTHORITY, FOREIGN, cones, credential
+from support.flights.one_pilot import MISSION, START_NS
 
 
 def verifier(*credentials):

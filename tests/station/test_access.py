@@ -5,11 +5,7 @@ from pathlib import Path
 import pymap3d
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from browser import browsing, needs_browser, until
-from map_tiles import corner_of, write_mbtiles
 from msgspec.structs import replace
-from one_pilot import MISSION
-from served_page import served
 
 from radron.agent.config.mission import DatumConfig
 from radron.protocol.codec import encode
@@ -18,6 +14,10 @@ from radron.protocol.messages import Stage, Status
 from radron.station.background import background
 from radron.station.hub import Hub
 from radron.station.picture.picture import Picture
+from support.flights.one_pilot import MISSION
+from support.page.browser import browsing, needs_browser, until
+from support.page.map_tiles import corner_of, write_mbtiles
+from support.page.served_page import served
 
 pytestmark = [needs_browser, pytest.mark.slow]
 PICTURES = Path("results/page")

@@ -6,10 +6,7 @@ import sqlite3
 import msgspec
 import pymap3d
 import pytest
-from map_tiles import colour, png, tile_of, write_folder, write_mbtiles
 from msgspec.structs import replace
-from one_pilot import MISSION
-from served_page import served
 
 from radron.agent.config.mission import DatumConfig
 from radron.agent.errors import ConfigError
@@ -17,6 +14,9 @@ from radron.station.background import Background, BackgroundError, FolderTiles, 
 from radron.station.hub import Hub
 from radron.station.picture.frame import TileLevels
 from radron.station.picture.picture import Picture
+from support.flights.one_pilot import MISSION
+from support.page.map_tiles import colour, png, tile_of, write_folder, write_mbtiles
+from support.page.served_page import served
 
 HERE = DatumConfig(latitude_deg=47.4, longitude_deg=8.5, altitude_m=488.0)
 ON_EARTH = replace(MISSION, datum=HERE)

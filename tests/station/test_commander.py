@@ -5,11 +5,7 @@ import time
 from contextlib import AsyncExitStack
 
 import pytest
-from identities import identity, new_issuer
-from live_agents import free_ports
-from mission_takers import Drone as Taker
 from msgspec.structs import replace
-from one_pilot import MISSION
 
 from radron.protocol.codec import decode, encode
 from radron.protocol.identity import Role
@@ -17,6 +13,10 @@ from radron.protocol.keys import key_of
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Action, Command, Stage, Status, Ticket
 from radron.station.commander import Commander, may_command
+from support.flights.one_pilot import MISSION
+from support.live.agents import free_ports
+from support.mesh.identities import identity, new_issuer
+from support.mesh.mission_receivers import Drone as Taker
 
 NEW = replace(MISSION, name="new")
 STAGES = {Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING, Action.START: Stage.TAKEOFF}

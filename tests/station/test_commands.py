@@ -1,13 +1,13 @@
 """The operator's commands on the page: their addressees and their outcome, always in sight."""
 
 import pytest
-from browser import browsing, needs_browser, until
 from msgspec.structs import replace
-from served_page import served
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.station.hub import Hub
 from radron.station.picture.picture import Picture
+from support.page.browser import browsing, needs_browser, until
+from support.page.served_page import served
 
 pytestmark = [needs_browser, pytest.mark.slow]
 MANY = tuple(DroneInMission(id=f"d{number + 1}", origin_m=(5.0 * number, 0.0, 0.0)) for number in range(12))

@@ -4,10 +4,6 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
-from browser import browsing, needs_browser, until
-from mission_takers import Drone
-from one_pilot import MISSION
-from served_page import served
 
 from radron.agent.config.loading import load_mission, read_content
 from radron.protocol.mesh.session import MeshConfig
@@ -15,6 +11,10 @@ from radron.protocol.messages import Stage
 from radron.station.hub import Hub
 from radron.station.live import follow
 from radron.station.picture.picture import Picture
+from support.flights.one_pilot import MISSION
+from support.mesh.mission_receivers import Drone
+from support.page.browser import browsing, needs_browser, until
+from support.page.served_page import served
 
 pytestmark = [needs_browser, pytest.mark.slow]
 PICTURES = Path("results/page")

@@ -5,9 +5,7 @@ import threading
 from contextlib import contextmanager
 
 import pytest
-from browser import browsing, needs_browser, until, visiting
 from msgspec.structs import replace
-from served_page import first, served
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.protocol.codec import encode
@@ -15,6 +13,8 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import Pose, Stage, Status
 from radron.station.hub import Hub
 from radron.station.picture.picture import Picture
+from support.page.browser import browsing, needs_browser, until, visiting
+from support.page.served_page import first, served
 
 pytestmark = [needs_browser, pytest.mark.slow]
 MISSION = MissionConfig(

@@ -4,9 +4,6 @@ import asyncio
 import time
 
 import pytest
-from browser import browsing, needs_browser, until
-from gate import gate
-from served_page import served
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.protocol.codec import encode
@@ -15,6 +12,9 @@ from radron.protocol.messages import Stage, Status
 from radron.station.hub import Hub
 from radron.station.picture.picture import Picture
 from radron.station.web.beat import MAX_COMMAND_AGE_S
+from support.page.browser import browsing, needs_browser, until
+from support.page.gate import gate
+from support.page.served_page import served
 
 pytestmark = [needs_browser, pytest.mark.slow]
 MISSION = MissionConfig(

@@ -3,14 +3,13 @@
 import asyncio
 import time
 
-from live_agents import free_ports
-
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.protocol.mesh.session import MeshConfig
 from radron.station.hub import Hub
 from radron.station.live import SHOW_S, follow
 from radron.station.picture.picture import Picture
 from radron.station.picture.swarmlog import SwarmLog
+from support.live.agents import free_ports
 
 MISSION = MissionConfig(
     name="m", area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0))), drones=(DroneInMission(id="d1"),)

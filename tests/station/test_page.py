@@ -5,10 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from browser import browsing, needs_browser, until, visiting
 from msgspec.structs import replace
-from recorded_flights import MISSION, fly_recorded
-from served_page import served
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.protocol.codec import encode
@@ -19,6 +16,9 @@ from radron.station.hub import Hub
 from radron.station.outbox import GAVE_WAY, LET_GO
 from radron.station.picture.picture import Picture
 from radron.station.replay import Records, play
+from support.flights.recorded_flights import MISSION, fly_recorded
+from support.page.browser import browsing, needs_browser, until, visiting
+from support.page.served_page import served
 
 pytestmark = [needs_browser, pytest.mark.slow]
 PICTURES = Path("results/page")

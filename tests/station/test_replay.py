@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from recorded_flights import HEADER
 
 from radron.agent.errors import FlightRecordError
 from radron.agent.flight.reader import UNFINISHED, RecordedFlight
@@ -18,6 +17,7 @@ from radron.station.picture.frame import Frame
 from radron.station.picture.history import CONES_MS
 from radron.station.picture.picture import Picture
 from radron.station.replay import Records, play
+from support.flights.recorded_flights import HEADER
 
 OLDER_RECORD = Path(__file__).parents[1] / "agent" / "flight" / "records" / "protocol-2.mcap"
 

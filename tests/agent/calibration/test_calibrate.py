@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from calibrated_camera import ACTIVITY_BQ, DISTANCE_M, FACINGS, RPY_DEG, BenchCamera
 from typer.testing import CliRunner
 
 from radron.agent.calibration.folder import corrected
@@ -14,6 +13,7 @@ from radron.agent.calibration.result import evaluate
 from radron.agent.cli import app
 from radron.agent.detector.files.calibration import Calibration
 from radron.sim.radiation.t3pa import T3paWriter
+from support.sensors.calibrated_camera import ACTIVITY_BQ, DISTANCE_M, FACINGS, RPY_DEG, BenchCamera
 
 SOURCE = Source("Cs-137", ACTIVITY_BQ, DISTANCE_M)
 

@@ -7,11 +7,11 @@ import time
 from pathlib import Path
 
 import pytest
-from identities import DAY_NS, identity, new_issuer
 
 from radron.agent.clock import setting
 from radron.agent.clock.handover import TIME_FILE, Told, Valid, hand_over, taken
 from radron.agent.clock.setting import ClockError, set_clock, validity_of, wanted
+from support.mesh.identities import DAY_NS, identity, new_issuer
 
 BEGIN_NS = 1_800_000_000_000_000_000
 VALID = Valid(BEGIN_NS, BEGIN_NS + 30 * DAY_NS)

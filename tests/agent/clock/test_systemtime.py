@@ -12,11 +12,11 @@ from threading import Event, Thread
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meshes import free_port
 from pymavlink.dialects.v10 import common as first_version
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.agent.clock.systemtime import overheard_time, time_in
+from support.mesh.meshes import free_port
 
 UTC_US = 1_800_000_000_123_456
 TIME = mavlink.MAVLink_system_time_message(UTC_US, 7340)

@@ -6,7 +6,6 @@ import time
 from contextlib import asynccontextmanager, suppress
 
 import pytest
-from detector_feed import readout_at, until
 
 from radron.agent import feed
 from radron.agent.config.drone import DetectorConfig
@@ -14,6 +13,7 @@ from radron.agent.detector.drivers import open_detector
 from radron.agent.detector.drivers.feed import FeedDetector
 from radron.agent.detector.wire import pack
 from radron.agent.errors import ConfigError
+from support.sensors.detector_feed import readout_at, until
 
 
 def free_port():

@@ -8,13 +8,13 @@ from contextlib import asynccontextmanager
 from itertools import pairwise
 
 import pytest
-from detector_feed import until
-from pypixet_standin import Pypixet
 
 from radron.agent.config.drone import DetectorConfig
 from radron.agent.detector.drivers import open_detector, pypixet
 from radron.agent.detector.drivers.pypixet import BLOCK_BYTES, PixetDetector
 from radron.agent.errors import DetectorError
+from support.sensors.detector_feed import until
+from support.sensors.pypixet_standin import Pypixet
 
 
 @pytest.fixture(autouse=True)

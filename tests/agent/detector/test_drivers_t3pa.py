@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from detector_feed import until
 
 from radron.agent.config.drone import DetectorConfig
 from radron.agent.detector.drivers import open_detector
 from radron.agent.detector.drivers.t3pa import RecordedDetector, playback
 from radron.agent.detector.files.t3pa import T3paReader
 from radron.agent.errors import ConfigError, DetectorError
+from support.sensors.detector_feed import until
 
 HEADER = "Index\tMatrix Index\tToA\tToT\tFToA\tOverflow"
 SECOND = 40_000_000  # of ToA

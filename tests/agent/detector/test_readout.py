@@ -5,7 +5,6 @@ import time
 import numpy as np
 import pytest
 from detector import COINCIDENCES, synthetic_hits
-from detector_feed import readout_at
 
 from radron.agent.config.mission import DetectionConfig
 from radron.agent.detector.chain import DetectorChain
@@ -14,6 +13,7 @@ from radron.agent.detector.files.calibration import Calibration
 from radron.agent.detector.readout import PixelHits, Readout, shed
 from radron.agent.shell.node import MOST_HITS
 from radron.agent.shell.problems import LATE_STEP_S
+from support.sensors.detector_feed import readout_at
 
 END_NS = 1_800_000_000_000_000_000
 

@@ -8,7 +8,7 @@ from radron.agent.detector.chain import DetectorChain
 from radron.agent.detector.files.calibration import Calibration
 from radron.agent.detector.imaging import DirectionScan
 
-event_readout = pytest.importorskip("event_readout")
+event_readout = pytest.importorskip("support.sensors.event_readout")
 events = pytest.importorskip("radron.sim.radiation.events")
 timepix3 = pytest.importorskip("radron.sim.radiation.timepix3")
 truth = pytest.importorskip("radron.sim.radiation.truth")

@@ -1,3 +1,3 @@
 """A recorded flight that several tests read."""
 
-from recorded_flights import flights  # noqa: F401 - a fixture
+from support.flights.recorded_flights import flights  # noqa: F401 - a fixture

@@ -3,11 +3,7 @@
 import re
 
 import pytest
-from members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, nonce_key_of, state
-from one_pilot import command as plain_command
-from recorded_flights import rewritten
 
 from radron.agent.cli import main
 from radron.agent.config.drone import DroneConfig
@@ -21,6 +17,10 @@ from radron.protocol.codec import decode_from, encode
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Action
 from radron.protocol.revocations import Revoked
+from support.flights.members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
+from support.flights.one_pilot import MISSION, SECOND, START_NS, nonce_key_of, state
+from support.flights.one_pilot import command as plain_command
+from support.flights.recorded_flights import rewritten
 
 BOOT = "0" * 15 + "1"  # the boot to which the commands below are addressed
 

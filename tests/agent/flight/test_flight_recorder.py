@@ -16,7 +16,6 @@ import psutil
 import pytest
 from mcap.opcode import Opcode
 from msgspec.structs import replace
-from recorded_flights import HEADER, telemetry
 
 import radron.agent.flight.recorder
 from radron.agent.errors import FlightRecordError
@@ -27,6 +26,7 @@ from radron.agent.flight.recorder import FlightRecorder
 from radron.agent.flight.replay import replay
 from radron.agent.flight.segment import Segment
 from radron.agent.fusion.estimator import Hypothesis
+from support.flights.recorded_flights import HEADER, telemetry
 
 NOISE = random.Random(1).randbytes(3_000_000)  # does not compress
 

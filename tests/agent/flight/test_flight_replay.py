@@ -9,11 +9,8 @@ from contextlib import closing
 import msgspec
 import numpy as np
 import pytest
-import recorded_flights
 from msgspec import UNSET
 from msgspec.structs import replace
-from one_pilot import START_NS, TICK_NS, state
-from recorded_flights import HEADER, MISSION, fly_recorded, rewritten, telemetry
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.errors import FlightRecordError
@@ -29,6 +26,10 @@ from radron.agent.mission.commanding import Verdict
 from radron.protocol.codec import decode_from
 from radron.protocol.messages import Action, Status
 from radron.sim.lockstep.members import SimulatedAuthority, SimulatedOperator
+from support import PATH
+from support.flights import recorded_flights
+from support.flights.one_pilot import START_NS, TICK_NS, state
+from support.flights.recorded_flights import HEADER, MISSION, fly_recorded, rewritten, telemetry
 
 ZSTD_FRAME = b"\x28\xb5\x2f\xfd"  # first bytes of a compressed chunk
 
@@ -170,7 +171,8 @@ def test_a_file_that_was_cut_off_is_identical_as_far_as_it_goes(segment, tmp_pat
 @pytest.mark.slow
 def test_after_a_kill_the_records_reach_to_the_last_second(tmp_path, capsys):
     process = subprocess.Popen(
-        [sys.executable, recorded_flights.__file__, str(tmp_path)],
+        [sys.executable, "-m", recorded_flights.__name__, str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": PATH},
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -3,7 +3,6 @@
 import itertools
 
 import pytest
-from one_pilot import SECOND
 
 from radron.agent.flight.header import FlightHeader
 from radron.agent.flight.recorded import RecordedPilot
@@ -15,6 +14,7 @@ from radron.protocol.messages import Stage
 from radron.sim.lockstep.world import TICK_NS, World
 from radron.sim.scenario import load_scenario, override
 from radron.sim.scoring.moment import EPOCH_NS
+from support.flights.one_pilot import SECOND
 
 DIES_NS = EPOCH_NS + 20 * SECOND
 BACK_NS = DIES_NS + 3 * SECOND  # the failsafe trips after 1 s

@@ -6,7 +6,6 @@ import tomllib
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from recorded_flights import fly_recorded
 from typer.testing import CliRunner
 
 from radron.agent.cli import app
@@ -17,6 +16,7 @@ from radron.agent.flight.identify import identify
 from radron.agent.flight.identify_command import run_identify, section
 from radron.agent.flight.reader import RecordedFlight
 from radron.agent.flight.response_records import read
+from support.flights.recorded_flights import fly_recorded
 
 TRUE_LAG_S = 1.0 / 4.2  # of the attitude, in the simulation
 

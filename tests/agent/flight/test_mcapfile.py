@@ -12,13 +12,13 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Chunk
-from recorded_flights import HEADER, telemetry
 
 from radron.agent.errors import FlightRecordError
 from radron.agent.flight import mcapfile, topics
 from radron.agent.flight.reader import RecordedFlight
 from radron.agent.flight.recorded import RecordedPilot
 from radron.agent.flight.recorder import FlightRecorder
+from support.flights.recorded_flights import HEADER, telemetry
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC

@@ -5,7 +5,6 @@ from pathlib import Path
 import msgspec
 import pytest
 from mcap.records import Metadata
-from recorded_flights import HEADER
 
 from radron.agent.errors import FlightRecordError
 from radron.agent.flight import reader, topics
@@ -18,6 +17,7 @@ from radron.agent.flight.segment import HEADER as HEADER_RECORD
 from radron.protocol.codec import decode_from
 from radron.protocol.messages import Command, Status
 from radron.station.replay import Records
+from support.flights.recorded_flights import HEADER
 
 RECORD = Path(__file__).parent / "records" / "protocol-2.mcap"
 

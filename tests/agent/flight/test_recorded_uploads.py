@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-from members import AUTHORITY, OPERATOR
-from one_pilot import MISSION, SECOND, START_NS, nonce_key_of, state
-
 from radron.agent.config.drone import DroneConfig
 from radron.agent.flight.audit import audit, mission_of
 from radron.agent.flight.header import FlightHeader
@@ -18,6 +15,8 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import Upload
 from radron.protocol.signing import sign_command
 from radron.sim.lockstep.members import OPERATOR_NAME
+from support.flights.members import AUTHORITY, OPERATOR
+from support.flights.one_pilot import MISSION, SECOND, START_NS, nonce_key_of, state
 
 BOOT = "0" * 15 + "1"
 NEW, OTHER = "abcdef0123456789", "f" * 16

@@ -6,15 +6,15 @@ import math
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS
-from sighted_swarm import START_NS as SIGHTED_NS
-from sighted_swarm import Drone, fly, settle
 
 from radron.agent.frames.carried import told
 from radron.agent.frames.swarm import BEFORE_START_NS, SwarmFrames
 from radron.agent.frames.transform import Transform, same
 from radron.protocol.codec import encode
 from radron.protocol.entries import Counts, Exposure, PoseSample
+from support.flights.one_pilot import MISSION, START_NS
+from support.flights.sighted_swarm import START_NS as SIGHTED_NS
+from support.flights.sighted_swarm import Drone, fly, settle
 
 UNSURE = np.diag([0.04, 0.09, 0.01, 0.0025])
 JUMPED, OTHER = Transform(0.6, (20.0, -5.0, 0.1), UNSURE), Transform(-1.0, (3.0, 3.0, 0.0), 2.0 * UNSURE)

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pymap3d
 import pytest
-from geodetic import geodetic_from_mission, geodetics_from_mission
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from radron.agent.config.mission import DatumConfig
 from radron.agent.frames.geodesy import mission_from_geodetic, mission_from_geodetics, mission_from_launch
+from support.flights.geodetic import geodetic_from_mission, geodetics_from_mission
 
 GRAIN_M = 1e-8  # doubles of an Earth's radius are 1e-9 m apart, and a conversion adds up a few of them
 places = st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-500.0, 4000.0))

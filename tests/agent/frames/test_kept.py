@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.frames.drift import Drift
 from radron.agent.frames.kept import KeptFrame
 from radron.agent.frames.transform import Transform, same
+from support.flights.one_pilot import MISSION
 
 UNSURE = Transform(0.5, (4.0, 5.0, 0.0), np.diag([0.1, 0.1, 0.1, 0.01]))
 KEPT = KeptFrame.of(1, 7, UNSURE, Transform(0.3, (2.0, 1.0, 0.0)))

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from sighted_swarm import SECOND, Drone, fly, run
 
 from radron.agent.frames.leads import leads_m
 from radron.agent.frames.residuals import Fixes
+from support.flights.sighted_swarm import SECOND, Drone, fly, run
 
 SPOOFED = {"shift_m": (6.0, -2.5, 0.0), "shift_s": 17.0, "shift_lasts_s": 2.6, "shift_lag_s": 1.0}  # 2.5 m/s
 ODOMETRY = {"drift_m": 0.1, "yaw_drift_deg": 0.1, "origin_sigma_m": 2.0}

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from estimated_frames import DRIFT
-from sighted_swarm import SECOND, START_NS, Drone, Sensor, fly, run
 
 from radron.protocol.entries import Fix, Sighting
+from support.flights.estimated_frames import DRIFT
+from support.flights.sighted_swarm import SECOND, START_NS, Drone, Sensor, fly, run
 
 RTK = {"kind": "rtk", "fixes": True, "yaw_sigma_deg": 5.0, "wander_m": 0.03}
 GNSS = {**RTK, "kind": "gnss", "wander_m": 1.0}

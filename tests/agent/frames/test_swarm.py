@@ -7,15 +7,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from estimated_frames import DRIFT, UNKNOWN, anchored, at_once, satellites, slams
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
-from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 from radron.agent.frames.swarm import SwarmFrames
 from radron.protocol.codec import encode
 from radron.protocol.entries import Counts, Exposure, Fix, PoseSample, Sighting
+from support.flights.estimated_frames import DRIFT, UNKNOWN, anchored, at_once, satellites, slams
+from support.flights.sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 CHI2_90 = 7.78  # of four numbers, 90 % are below it
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimated_frames import DRIFT, UNKNOWN, anchored, at_once, satellites, slams, told_later
 from msgspec import structs
-from sighted_swarm import SECOND, START_NS, Drone, Sensor, fly, run, settle
 
 from radron.agent.frames.swarm import SwarmFrames
 from radron.protocol.codec import encode
 from radron.protocol.entries import Exposure, Sighting
+from support.flights.estimated_frames import DRIFT, UNKNOWN, anchored, at_once, satellites, slams, told_later
+from support.flights.sighted_swarm import SECOND, START_NS, Drone, Sensor, fly, run, settle
 
 
 @pytest.mark.parametrize("liar", [0, 1, 2])

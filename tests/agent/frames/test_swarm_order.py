@@ -4,13 +4,13 @@ import random
 
 import numpy as np
 import pytest
-from estimated_frames import DRIFT, UNKNOWN, anchored, at_once, lines, satellites, slams, told_later
 from msgspec import structs
-from sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 from radron.agent.frames.swarm import BEFORE_START_NS, SwarmFrames
 from radron.protocol.codec import encode
 from radron.protocol.entries import Exposure, Sighting
+from support.flights.estimated_frames import DRIFT, UNKNOWN, anchored, at_once, lines, satellites, slams, told_later
+from support.flights.sighted_swarm import SECOND, START_NS, Drone, Sensor, arrival_ns, fly, run, settle
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
-from fusions import fusion_of
 
 from radron.agent.config.estimators import FusionConfig, GivenHypothesisConfig, PaperEstimatorConfig
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.protocol.codec import encode
 from radron.protocol.entries import Cone, ConeOrder, Counts, Entry, Exposure, PoseSample
+from support.flights.fusions import fusion_of
 
 T0_NS = 1_700_000_000_000_000_000
 BOOT = "00000000000000b1"

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from fusions import fusion_of
 
 from radron.agent.fusion.registry import estimator_named
+from support.flights.fusions import fusion_of
 
 
 @pytest.fixture

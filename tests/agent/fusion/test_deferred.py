@@ -5,11 +5,11 @@ import random
 
 import numpy as np
 import pytest
-from fusions import fusion_of
 
 from radron.agent.fusion import observations
 from radron.agent.fusion.deferred import MAX_TASK_OBSERVATIONS, Deferred, Folder
 from radron.agent.fusion.registry import deferred_named, estimator_named
+from support.flights.fusions import fusion_of
 
 MOST_IN_A_STEP = 20  # cones of the flight in one step of the grid
 

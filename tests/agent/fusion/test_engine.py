@@ -5,13 +5,13 @@ import random
 import msgspec
 import numpy as np
 import pytest
-from fusions import fusion_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radron.agent.fusion.engine import BEFORE_START_NS
 from radron.protocol.codec import encode
 from radron.protocol.entries import Cone
+from support.flights.fusions import fusion_of
 
 
 @settings(max_examples=30)

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import msgspec
 import numpy as np
-from fusions import fusion_of
 
 from radron.agent.fusion.observations import MAX_HELD_OBSERVATIONS
 from radron.agent.fusion.paper import PaperEstimator
@@ -14,6 +13,7 @@ from radron.agent.fusion.registry import estimator_named
 from radron.agent.fusion.timeline import MAX_STEP_OBSERVATIONS
 from radron.protocol.codec import decode, encode
 from radron.protocol.entries import Cone
+from support.flights.fusions import fusion_of
 
 
 class Counting(PaperEstimator):

@@ -3,7 +3,6 @@
 import msgspec
 import numpy as np
 import pytest
-from fusions import fusion_of
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.frames.graph import FrameGraph
@@ -11,6 +10,7 @@ from radron.agent.frames.transform import Transform
 from radron.agent.fusion import observations
 from radron.agent.fusion.engine import Fusion
 from radron.protocol.entries import Cone
+from support.flights.fusions import fusion_of
 
 
 def test_observations_that_are_made_again_have_the_same_bits(kit, mission, entries, in_order, monkeypatch):

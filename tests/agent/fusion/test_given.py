@@ -1,9 +1,9 @@
 import pytest
-from fusions import fusion_of
 
 from radron.agent.config.estimators import GivenHypothesisConfig
 from radron.agent.errors import ConfigError
 from radron.agent.fusion.given import GivenEstimator
+from support.flights.fusions import fusion_of
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from fusions import fusion_of
 from msgspec.structs import replace
 from shapely import Polygon
 
@@ -16,6 +15,7 @@ from radron.agent.fusion.observation import observe
 from radron.agent.fusion.registry import estimator_named
 from radron.agent.terrain.ground import Ground
 from radron.protocol.entries import Counts
+from support.flights.fusions import fusion_of
 
 SQUARE = Polygon([(0, 0), (100, 0), (100, 100), (0, 100)])
 SLOPE = GroundConfig(height_m=-5.0, slope=(0.25, 0.1))

@@ -3,7 +3,6 @@
 import itertools
 import random
 
-import fusions
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,6 +12,7 @@ from radron.agent.fusion.log import ObservationLog, Outcome
 from radron.agent.fusion.registry import estimator_named
 from radron.protocol.codec import encode
 from radron.protocol.entries import MAX_LOGGED_EXPOSURE_NS, Counts, Retraction
+from support.flights import fusions
 
 OTHER_BOOT = "00000000000000b2"
 

@@ -6,13 +6,13 @@ from functools import partial
 import msgspec
 import numpy as np
 import pytest
-from fusions import fusion_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radron.agent.fusion.log import ObservationLog, Outcome
 from radron.protocol.codec import encode
 from radron.protocol.entries import Retraction
+from support.flights.fusions import fusion_of
 
 END_NS = 30_000_000_000
 

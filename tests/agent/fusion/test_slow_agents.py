@@ -4,7 +4,8 @@ import random
 
 import numpy as np
 import pytest
-from fusions import fusion_of
+
+from support.flights.fusions import fusion_of
 
 SECONDS = 50
 STEP_NS = 300_000_000  # between two calls of a slow agent: three new steps of the grid, 6.6 units of work in the mean

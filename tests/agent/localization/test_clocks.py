@@ -4,7 +4,6 @@ import math
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, messages, pilot, state, tracking
 
 from radron.agent.localization.clocks import HEARD_NS, WINDOW_NS, Clocks
 from radron.agent.vehicle.interface import GnssFix
@@ -12,6 +11,7 @@ from radron.protocol.codec import decode_from, encode
 from radron.protocol.entries import Fix, Retraction
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Pose, Stage, Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, messages, pilot, state, tracking
 
 FIX = GnssFix(
     stamp_ns=START_NS, latitude_deg=50.0, longitude_deg=14.0, altitude_m=300.0, horizontal_sigma_m=1.2, vertical_sigma_m=2.0

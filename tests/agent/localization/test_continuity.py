@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_pilot import SECOND, START_NS, state
 from scipy.spatial.transform import Rotation
 
 from radron.agent.frames.transform import Transform
 from radron.agent.geometry import yaw_of
 from radron.agent.localization.continuity import POSES_M, POSES_RAD, carried_on
+from support.flights.one_pilot import SECOND, START_NS, state
 
 metres = st.floats(-200.0, 200.0)
 angles = st.floats(-3.1, 3.1)

@@ -5,7 +5,6 @@ import math
 import msgspec
 import pytest
 from msgspec.structs import replace
-from one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, started, state
 
 from radron.agent.frames.carried import launch_from_local
 from radron.agent.frames.graph import FrameGraph
@@ -15,6 +14,7 @@ from radron.agent.navigation.ownfence import OwnFence
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.entries import Exposure
 from radron.protocol.messages import Pose, Stage, Status
+from support.flights.one_pilot import AREA, MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, started, state
 
 HERE, JUMPED = (10.0, 10.0, 3.0), (32.0, 10.0, 3.0)
 

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from members import AUTHORITY
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, boot_of, messages, nonce_key_of, pilot, state
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.detector.readout import PixelHits, Readout
@@ -15,6 +13,8 @@ from radron.agent.frames.transform import Transform
 from radron.agent.localization.knownframe import SLIDE_MPS, KnownFrame
 from radron.agent.vehicle.interface import SeenDrone
 from radron.protocol.entries import Exposure, Retraction, Sighting
+from support.flights.members import AUTHORITY
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, boot_of, messages, nonce_key_of, pilot, state
 
 HITS = 1_000_000 * np.arange(1, 4)  # of each readout, in pixels that differ: none is taken for noisy, and the camera not for mute
 JUMPED_S, FLOWN_S = 15.0, 20.0

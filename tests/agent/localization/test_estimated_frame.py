@@ -4,7 +4,6 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.detector.readout import PixelHits, Readout
@@ -19,6 +18,7 @@ from radron.protocol.codec import encode
 from radron.protocol.entries import Exposure
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Frame, Pose, Stage, Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, command, messages, own_pose, pilot, state
 
 NONE = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
 LAYOUT = DroneInMission(

@@ -4,11 +4,11 @@ import math
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import SECOND, START_NS, TICK_NS, messages, started, state
 
 from radron.agent.localization.jumps import CONFIRM_NS, JumpDetector
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Status
+from support.flights.one_pilot import SECOND, START_NS, TICK_NS, messages, started, state
 
 
 def flight(detector, steps, start=(0.0, 0.0, 3.0), velocity=(8.0, 0.0, 0.0), **values):

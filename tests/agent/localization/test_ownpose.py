@@ -4,7 +4,6 @@ import math
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, own_pose, state
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.frames.graph import FrameGraph
@@ -12,6 +11,7 @@ from radron.agent.frames.transform import Transform
 from radron.agent.localization.continuity import POSES_M
 from radron.agent.navigation.home import Home
 from radron.protocol.entries import Sighting
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, own_pose, state
 
 ESTIMATED = DroneInMission(id="d1", origin_m=(5.0, 5.0, 0.0), yaw_deg=30.0, localization="rtk", origin_sigma_m=0.5)
 HERE, JUMPED = (0.0, 0.0, 3.0), (20.0, -5.0, 3.0)

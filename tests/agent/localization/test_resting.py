@@ -1,10 +1,10 @@
 """A vehicle that has landed stays where it is: a position that moves there is rejected, and not used for measurements."""
 
 import pytest
-from one_pilot import MISSION, START_NS, TICK_NS, own_pose, state
 
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.localization.resting import MOVED_M
+from support.flights.one_pilot import MISSION, START_NS, TICK_NS, own_pose, state
 
 SIGMA_M = 0.1  # of this telemetry
 DOWN = {"armed": False, "in_air": False}

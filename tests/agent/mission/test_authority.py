@@ -5,13 +5,13 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from situations import SECOND, VEHICLE
 
 from radron.agent.mission.authority import ROWS, TABLE, TAKEOVER_NS, Authority, Event, State, View
 from radron.agent.mission.flight import Flight
 from radron.agent.mission.positionloss import PositionLoss
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Stage
+from support.flights.situations import SECOND, VEHICLE
 
 PAGE = Path(__file__).parents[3] / "docs/design/authority.md"
 

@@ -2,11 +2,11 @@
 
 import pytest
 from msgspec.structs import replace
-from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, tracking
 
 from radron.agent.mission.authority import TAKEOVER_NS
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.protocol.messages import Action, Stage
+from support.flights.situations import CALM, OFFBOARD, SECOND, VEHICLE, at, tracking
 
 MOVING = replace(OFFBOARD, velocity_mps=(3.0, 0.0, 0.0))
 

@@ -4,8 +4,6 @@ from math import inf
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION
-from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 from radron.agent.config.mission import SurveyConfig, TrackConfig
 from radron.agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
@@ -15,6 +13,8 @@ from radron.agent.navigation.unheard.agentless import Agentless
 from radron.agent.navigation.unheard.contact import SILENT_NS
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.protocol.messages import Action, Stage
+from support.flights.one_pilot import MISSION
+from support.flights.situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 
 def test_nobody_takes_off_without_a_command():

@@ -1,13 +1,12 @@
 """Nonces: valid for a while, and unknown to everybody before the drone publishes them."""
 
-from one_pilot import MISSION, SECOND, START_NS, command, messages, state
-from one_pilot import pilot as one_pilot
-
 from radron.agent.config.drone import DroneConfig
 from radron.agent.mission.orders import NONCE_NS, Orders
 from radron.agent.owntime import Utc
 from radron.agent.pilot import Pilot
 from radron.protocol.messages import Action, Stage, Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, command, messages, state
+from support.flights.one_pilot import pilot as one_pilot
 
 
 def nonces(key, boot_ns=START_NS, periods=50):

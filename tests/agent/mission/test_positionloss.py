@@ -2,12 +2,12 @@
 
 import pytest
 from msgspec.structs import replace
-from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying
 
 from radron.agent.config.mission import TrackConfig
 from radron.agent.mission.stages import Mission
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.protocol.messages import Action, Stage
+from support.flights.situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying
 
 BLIND = replace(OFFBOARD, position_trusted=False)
 

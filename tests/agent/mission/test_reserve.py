@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import SECOND, state
 
 from radron.agent.mission.problems import LOW_BATTERY, Problems
 from radron.agent.mission.reserve import Reserve
 from radron.protocol.messages import Stage, Status
+from support.flights.one_pilot import SECOND, state
 
 LATER_NS = 10 * SECOND
 

@@ -2,7 +2,6 @@
 
 import pytest
 from msgspec.structs import replace
-from situations import SECOND, VEHICLE, at, tracking
 
 from radron.agent.config.mission import TrackConfig
 from radron.agent.mission.authority import TOUCHDOWN_NS
@@ -12,6 +11,7 @@ from radron.agent.vehicle.grounded import STILL_NS
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.agent.vehicle.requests import Act, Requests, Seen
 from radron.protocol.messages import Action, Stage
+from support.flights.situations import SECOND, VEHICLE, at, tracking
 
 
 class Flight:

@@ -2,13 +2,13 @@
 
 import pytest
 from msgspec.structs import replace
-from situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 from radron.agent.config.mission import TrackConfig
 from radron.agent.mission.authority import FAILSAFE_NS, STALE_NS, TAKEOVER_NS, UNFOLLOWED_NS
 from radron.agent.mission.stages import Mission
 from radron.agent.vehicle.interface import FlightMode, Request
 from radron.protocol.messages import Action, Stage
+from support.flights.situations import CALM, OFFBOARD, SECOND, VEHICLE, at, surveying, tracking
 
 
 def test_gives_way_to_the_failsafe_but_not_to_a_late_heartbeat():

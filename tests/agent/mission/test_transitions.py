@@ -4,12 +4,12 @@ from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
-from situations import VEHICLE
 
 from radron.agent.mission.flight import Flight
 from radron.agent.mission.transitions import ROWS, TABLE, Event
 from radron.protocol.messages import Action, Stage
 from radron.protocol.stages import FLYING, ON_GROUND, STEERED
+from support.flights.situations import VEHICLE
 
 PAGE = Path(__file__).parents[3] / "docs/design/authority.md"
 BY_OTHERS = (Event.FLOWN_HOME, Event.FLOWN_DOWN, Event.FLOWN_HELD, Event.TAKEN)

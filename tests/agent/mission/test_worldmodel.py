@@ -7,13 +7,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 from msgspec import structs
-from sighted_swarm import SECOND, START_NS, Drone, arrival_ns, fly
 
 from radron.agent.fusion.paper import PaperEstimator
 from radron.agent.fusion.registry import estimator_named
 from radron.agent.mission.worldmodel import WorldModel
 from radron.protocol.codec import encode
 from radron.protocol.entries import Cone, ConeOrder, Exposure, Retraction, Sighting
+from support.flights.sighted_swarm import SECOND, START_NS, Drone, arrival_ns, fly
 
 TICK_NS = SECOND // 20
 SECONDS = 18.0

@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION
 
 from radron.agent.config.mission import EncirclementConfig, MissionConfig, SafetyConfig
 from radron.agent.motion.orbit import Orbit, ring_lift_m, second_height_m
+from support.flights.one_pilot import MISSION
 
 SECOND = 1_000_000_000
 CONFIG = EncirclementConfig(radius_m=12.0, nearest_m=5.0, height_m=3.0)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_loop import TICK_S, VELOCITY_MPS, Flight, Swarm, Vehicle, encircle, go_to, scattered
 
 from radron.agent.config.mission import AreaConfig, EncirclementConfig
 from radron.agent.motion.fence import Fence
+from support.flights.closed_loop import TICK_S, VELOCITY_MPS, Flight, Swarm, Vehicle, encircle, go_to, scattered
 
 RADIUS_M, SPEED_MPS = 12.0, 3.0
 

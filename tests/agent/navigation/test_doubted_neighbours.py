@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from msgspec import UNSET
 from msgspec.structs import replace
-from two_drones import MISSION, SECOND, plan, pose, status
 
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.frames.transform import Transform
@@ -13,6 +12,7 @@ from radron.agent.navigation.neighbours import Neighbourhood
 from radron.agent.navigation.peers.newest import Peers
 from radron.protocol.entries import Sighting
 from radron.protocol.messages import Alternative, Stage
+from support.flights.two_drones import MISSION, SECOND, plan, pose, status
 
 NOW_NS = SECOND // 10
 LAUNCH = Alternative((10.0, 0.0, 0.0), np.pi / 2)  # the frame of b by the mission

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from two_drones import MISSION, SECOND, plan, pose, status
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.frames.drift import Drift
@@ -17,6 +16,7 @@ from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.peers.placing import WORST_SIGMA_M, blind, contradicts, held
 from radron.protocol.entries import Sighting
 from radron.protocol.messages import Pose, Stage
+from support.flights.two_drones import MISSION, SECOND, plan, pose, status
 
 ESTIMATED = replace(
     MISSION,

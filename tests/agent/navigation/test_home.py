@@ -5,14 +5,14 @@ from math import hypot
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, own_pose, state
-from recorded_px4 import NAMES, Replay
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.frames.swarm import SwarmFrames
 from radron.agent.frames.transform import Transform
 from radron.agent.navigation.home import AT_HOME_M, LONGEST_NS, NEAR_M, NO_NEARER_S, Home, KeptHome
+from support.flights.one_pilot import MISSION, own_pose, state
+from support.px4.recorded import NAMES, Replay
 
 SECOND = 1_000_000_000
 

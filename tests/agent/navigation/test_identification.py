@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from closed_loop import TICK_S, Flight, Swarm, Vehicle, encircle, go_to
 from msgspec.structs import replace
 
 from radron.agent.config.drone import ResponseConfig
@@ -15,6 +14,7 @@ from radron.agent.motion.reference import PeerState, Reference
 from radron.agent.navigation.drag import DragFilter, horizontal_thrust
 from radron.agent.navigation.identification import BAD_M, FoundResponse, ResponseEstimator
 from radron.agent.vehicle.interface import FlightMode, VehicleState
+from support.flights.closed_loop import TICK_S, Flight, Swarm, Vehicle, encircle, go_to
 
 SECOND = 1_000_000_000
 NO_LAGS = ResponseConfig(drag_ps=0.0, attitude_lag_s=0.0, derivative_gain=0.0)

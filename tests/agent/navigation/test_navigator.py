@@ -7,8 +7,6 @@ from math import dist
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_navigator import AT_ONCE, MISSION, PLACE, flown, hypothesis, made, nobody
-from one_pilot import SECOND, START_NS, TICK_NS, own_pose, state
 
 from radron.agent.config.mission import DroneInMission, EncirclementConfig
 from radron.agent.frames.graph import FrameGraph
@@ -22,6 +20,8 @@ from radron.agent.navigation.surveying import InformedSearch, Prospect, Search
 from radron.agent.navigation.unheard.crossing import crossing_height_m
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Plan, Pose, Stage, Status
+from support.flights.one_navigator import AT_ONCE, MISSION, PLACE, flown, hypothesis, made, nobody
+from support.flights.one_pilot import SECOND, START_NS, TICK_NS, own_pose, state
 
 
 def test_what_a_plan_was_made_with_is_known_until_somebody_else_flies():

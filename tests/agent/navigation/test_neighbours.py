@@ -1,6 +1,5 @@
 import pytest
 from msgspec.structs import replace
-from two_drones import MISSION, SECOND, plan, pose, seen, status
 
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.frames.transform import Transform
@@ -9,6 +8,7 @@ from radron.agent.navigation.neighbours import Neighbourhood
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.peers.placing import WORST_SIGMA_M
 from radron.protocol.messages import Stage
+from support.flights.two_drones import MISSION, SECOND, plan, pose, seen, status
 
 
 def test_a_plan_is_read_in_the_own_frame():

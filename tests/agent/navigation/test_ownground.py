@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_navigator import MISSION, made
-from one_pilot import SECOND, START_NS, TICK_NS, state
 
 from radron.agent.navigation.moment import Moment
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Stage
+from support.flights.one_navigator import MISSION, made
+from support.flights.one_pilot import SECOND, START_NS, TICK_NS, state
 
 FLOOR_M, CEILING_M = 1.5, 6.0
 

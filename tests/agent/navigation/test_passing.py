@@ -2,13 +2,13 @@
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, boot_of, command, messages, pilot, state
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Pose, Stage, Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, boot_of, command, messages, pilot, state
 
 LATE = replace(MISSION, drones=(DroneInMission(id="d1"), DroneInMission(id="d2", origin_m=(30.0, 0.0, 0.0))))
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 from msgspec.structs import replace
-from one_navigator import MISSION, flown, hypothesis
-from one_pilot import SECOND, START_NS
 
 from radron.agent.config.mission import MissionConfig
 from radron.agent.navigation.peers.newest import Peers
 from radron.protocol.messages import Pose, Stage, Status
+from support.flights.one_navigator import MISSION, flown, hypothesis
+from support.flights.one_pilot import SECOND, START_NS
 
 RAISED = replace(MISSION, source_height_m=(0.0, 20.0))
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from msgspec import UNSET
 from msgspec.structs import replace
-from two_drones import MISSION, SECOND, plan, pose, status
 
 from radron.agent.config.mission import DroneInMission, SafetyConfig
 from radron.agent.frames.graph import FrameGraph
@@ -18,6 +17,7 @@ from radron.agent.navigation.unheard.contact import Circle, Wall
 from radron.agent.navigation.unheard.lastnews import LastNews
 from radron.protocol.entries import Sighting
 from radron.protocol.messages import Stage
+from support.flights.two_drones import MISSION, SECOND, plan, pose, status
 
 STANDING = PeerState((0.0, 0.0, 3.0))
 ON_GROUND = replace(pose(), velocity_mps=(0.0, 0.0, 0.0), in_air=False)

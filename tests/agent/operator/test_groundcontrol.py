@@ -8,9 +8,6 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 import pytest
-from identities import DAY_NS, identity, new_issuer
-from live_agents import free_ports
-from meshes import until
 from msgspec.structs import replace
 
 from radron.agent.operator import groundcontrol
@@ -25,6 +22,9 @@ from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Action, Command, Stage, Status, Ticket
 from radron.protocol.signing import sign_status
 from radron.protocol.trust import trust_of
+from support.live.agents import free_ports
+from support.mesh.identities import DAY_NS, identity, new_issuer
+from support.mesh.meshes import until
 
 MISSION = "0123456789abcdef"
 TELL_S, LISTEN_S = 0.02, 0.6  # how often a stand-in tells its status; how long it is waited for more of them

@@ -7,10 +7,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
-from identities import identity, new_issuer
-from mission_takers import Drone
 from msgspec.structs import replace
-from one_pilot import MISSION
 
 from radron.agent.cli import main
 from radron.agent.config.loading import read_content
@@ -19,6 +16,9 @@ from radron.agent.operator.groundcontrol import CommandError
 from radron.agent.operator.missionupload import UploadOrder
 from radron.protocol.identity import Role
 from radron.protocol.messages import Answer
+from support.flights.one_pilot import MISSION
+from support.mesh.identities import identity, new_issuer
+from support.mesh.mission_receivers import Drone
 
 NEW = replace(MISSION, name="new")
 

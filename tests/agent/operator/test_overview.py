@@ -10,8 +10,6 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
-from identities import identity, new_issuer
-from live_agents import free_ports
 from msgspec.structs import replace
 
 import radron.agent.operator.overview
@@ -26,6 +24,8 @@ from radron.protocol.messages import Estimate, Obeyed, Source, Stage, Status
 from radron.protocol.signing import Verifier, sign_status
 from radron.protocol.trust import trust_of
 from radron.sim.lockstep.members import SimulatedAuthority
+from support.live.agents import free_ports
+from support.mesh.identities import identity, new_issuer
 
 MISSION = MissionConfig(
     name="m",

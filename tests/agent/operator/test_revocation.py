@@ -10,10 +10,7 @@ from dataclasses import replace as replace_in
 from pathlib import Path
 
 import pytest
-from identities import identity, new_issuer
-from live_agents import free_ports
 from msgspec.structs import replace
-from one_pilot import MISSION, cone_of
 
 from radron.agent.cli import main
 from radron.agent.config.drone import DroneConfig
@@ -32,6 +29,9 @@ from radron.protocol.signing import sign_entries, sign_status
 from radron.protocol.summary import Held, encode_summary
 from radron.protocol.trust import trust_of
 from radron.protocol.units import STATION
+from support.flights.one_pilot import MISSION, cone_of
+from support.live.agents import free_ports
+from support.mesh.identities import identity, new_issuer
 
 BOOT = "2" * 16
 

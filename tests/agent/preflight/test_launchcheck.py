@@ -1,12 +1,12 @@
 """Preflight: the launch place by the autopilot's geodetic origin, against the mission's layout."""
 
 import pytest
-from geodetic import geodetic_from_mission
 from msgspec.structs import replace
 
 from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
 from radron.agent.preflight.layout import layout_finding
 from radron.agent.vehicle.interface import LaunchPlace
+from support.flights.geodetic import geodetic_from_mission
 
 DATUM = DatumConfig(latitude_deg=50.1, longitude_deg=14.5, altitude_m=230.0)
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0)))

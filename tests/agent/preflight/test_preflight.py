@@ -8,9 +8,6 @@ import pty
 from pathlib import Path
 
 import pytest
-from identities import DAY_NS, identity, new_issuer
-from live_agents import Agent, free_ports, write_configs
-from members import revocation
 from msgspec.structs import replace
 
 from radron.agent.config.drone import PeerMeshConfig
@@ -25,6 +22,9 @@ from radron.protocol.codec import decode, encode
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Stage
 from radron.protocol.revocations import Revoked
+from support.flights.members import revocation
+from support.live.agents import Agent, free_ports, write_configs
+from support.mesh.identities import DAY_NS, identity, new_issuer
 
 
 def finding(folder: Path, name: str, **environment: str) -> Finding:

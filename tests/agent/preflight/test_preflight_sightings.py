@@ -7,13 +7,13 @@ import socket
 import time
 
 import msgspec
-from line_server import line_server
-from live_agents import free_ports
 
 from radron.agent.config.drone import DroneConfig, PeerMeshConfig, SightingsConfig, VehicleConfig
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.agent.preflight.check import Preflight
 from radron.agent.vehicle.interface import Finding, SeenDrone
+from support.live.agents import free_ports
+from support.sensors.line_server import line_server
 
 MISSION = MissionConfig(
     name="test",

@@ -4,7 +4,6 @@ import math
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 from scipy.spatial.transform import Rotation
 
 from radron.agent.pilot import Step
@@ -12,6 +11,7 @@ from radron.agent.sensing.positionsensors import MOST_PER_S
 from radron.agent.vehicle.interface import GnssFix, SeenDrone
 from radron.protocol.codec import decode_from
 from radron.protocol.entries import Fix, Sighting
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, messages, pilot, state
 
 SEEN = SeenDrone(
     stamp_ns=START_NS, target="d2", direction=(0.6, 0.0, 0.8), direction_sigma_rad=0.03, range_m=9.0, range_sigma_m=0.3

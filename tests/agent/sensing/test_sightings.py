@@ -7,12 +7,12 @@ from collections.abc import Callable, Coroutine
 
 import msgspec
 import pytest
-from detector_feed import until
-from line_server import LineServer, line_server
 
 from radron.agent.errors import ConfigError
 from radron.agent.sensing.sighting_feed import SightingsFeed
 from radron.agent.vehicle.interface import SeenDrone
+from support.sensors.detector_feed import until
+from support.sensors.line_server import LineServer, line_server
 
 NOW_NS = 1_767_225_600_000_000_000
 SEEN = SeenDrone(

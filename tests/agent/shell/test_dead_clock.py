@@ -7,10 +7,6 @@ import time
 from pathlib import Path
 
 import pytest
-from fleets import MISSION
-from identities import DAY_NS, identity, new_issuer
-from meshes import free_port
-from time_teller import telling
 
 from radron.agent.clock.handover import TIME_FILE, Valid, taken
 from radron.agent.clock.seeking import seek_time
@@ -21,6 +17,10 @@ from radron.agent.shell.identity import DeadClockError, check_clock
 from radron.agent.shell.overrides import load_drone
 from radron.agent.shell.patience import Patience
 from radron.agent.shell.running import run_agent
+from support.computers.fleets import MISSION
+from support.mesh.identities import DAY_NS, identity, new_issuer
+from support.mesh.meshes import free_port
+from support.px4.time_source import telling
 
 PORT = free_port()
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from identities import DAY_NS, identity, new_issuer, now_ns
 
 from radron.agent.config.drone import DroneConfig, PeerMeshConfig
 from radron.agent.errors import ConfigError
 from radron.agent.shell.identity import own_identity, validity
 from radron.protocol.identity import Identity, IdentityError, Revoked
+from support.mesh.identities import DAY_NS, identity, new_issuer, now_ns
 
 HOUR_NS = DAY_NS // 24
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.estimators import FusionConfig
@@ -15,6 +14,7 @@ from radron.agent.config.mission import DroneInMission, MissionConfig
 from radron.agent.errors import ConfigError
 from radron.agent.mission.uploads import Origin
 from radron.agent.shell.missionstore import keep, mission_in_force, mission_path
+from support.flights.one_pilot import MISSION, START_NS
 
 NEW = replace(MISSION, name="new")
 ORIGIN = Origin(station="anna", taken_ns=START_NS, instead_of=MISSION.mission_id)

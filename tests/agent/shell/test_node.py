@@ -9,12 +9,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from live_agents import Agent, Vehicles, closing, command, free_ports, operator_folder, station_endpoint, until, write_configs
 
 from radron.protocol.codec import decode
 from radron.protocol.identity import load_identity
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Status
+from support.live.agents import (
+    Agent,
+    Vehicles,
+    closing,
+    command,
+    free_ports,
+    operator_folder,
+    station_endpoint,
+    until,
+    write_configs,
+)
 
 SAID_S = 10.0  # limit for the report of a fault
 BUSY_S = 15.0  # additional time for everything on a busy computer

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from live_agents import Agent, until, write_configs
 
 from radron.agent.vehicle.mavlink.claim import PATIENCE_S
+from support.live.agents import Agent, until, write_configs
 
 LIMIT_S = 30.0  # 10 s on a machine that has nothing else to do
 STOPPED_S = 5.0  # likewise 2 s

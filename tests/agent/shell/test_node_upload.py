@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_agents import Agent, Vehicles, closing, command, operator_folder, station_endpoint, until, write_configs
 
 from radron.agent.config.loading import load_mission
 from radron.agent.flight.audit import audit, mission_of
 from radron.agent.flight.reader import RecordedFlight
+from support.live.agents import Agent, Vehicles, closing, command, operator_folder, station_endpoint, until, write_configs
 
 BUSY_S = 30.0  # by which everything may take longer on a busy computer
 pytestmark = pytest.mark.slow

@@ -9,7 +9,6 @@ from itertools import groupby
 from pathlib import Path
 
 import pytest
-from identities import identity, new_issuer
 
 from radron.agent.config.drone import DroneConfig, PeerMeshConfig
 from radron.agent.errors import ConfigError, VehicleError
@@ -18,6 +17,7 @@ from radron.agent.shell.heartbeat import Heartbeat
 from radron.agent.shell.identity import check_clock
 from radron.agent.shell.patience import Patience
 from radron.agent.shell.running import USER_ERROR, run_agent
+from support.mesh.identities import identity, new_issuer
 
 
 class Obstacle:

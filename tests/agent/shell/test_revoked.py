@@ -4,8 +4,6 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from members import cones, credential, give, revocation, trusting
-from one_pilot import START_NS, pilot
 
 from radron.agent.config.drone import DroneConfig, PeerMeshConfig
 from radron.agent.shell import revoked
@@ -16,6 +14,8 @@ from radron.protocol.errors import MeshError
 from radron.protocol.keys import key_of
 from radron.protocol.mesh.link import MeshConfig
 from radron.protocol.revocations import Revocation
+from support.flights.members import cones, credential, give, revocation, trusting
+from support.flights.one_pilot import START_NS, pilot
 
 BOOT = "2" * 16
 

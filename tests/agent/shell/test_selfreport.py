@@ -9,8 +9,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from live_agents import Agent, Vehicles, closing, operator_folder, station_endpoint, until, write_configs
-from onboard import NEW, OLD, well
 
 from radron.agent.preflight.software import software_finding
 from radron.agent.shell.selfreport import SelfReport, Updates
@@ -20,6 +18,8 @@ from radron.protocol.identity import load_identity
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Stage, Status
 from radron.protocol.onboard import Needs, Outcome, Report, Trial
+from support.computers.onboard import NEW, OLD, well
+from support.live.agents import Agent, Vehicles, closing, operator_folder, station_endpoint, until, write_configs
 
 FALLEN = Outcome(kind="fell back", slot="B", release=NEW, text="the update to 0.2.0 failed: slot A runs again", stamp_ns=1)
 TRIAL = Trial(slot="B", release=NEW, before=OLD, needs=Needs(), begun_ns=1)

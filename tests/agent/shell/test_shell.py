@@ -14,7 +14,6 @@ import msgspec
 import pytest
 import structlog
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS, command, pilot, state
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.mission.memory import Memory
@@ -28,6 +27,7 @@ from radron.agent.shell.statestore import State, StateFile, StateStore
 from radron.agent.vehicle.interface import LaunchPlace
 from radron.protocol import versions
 from radron.protocol.messages import Stage
+from support.flights.one_pilot import MISSION, START_NS, command, pilot, state
 
 STATE = State(
     memory=Memory(mission="0" * 16, stamp_ns=5, started_ns=3, stage=Stage.SURVEY, resume=Stage.SURVEY, home_m=(1.0, 2.0, 3.0)),

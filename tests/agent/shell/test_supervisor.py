@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-CHILD = Path(__file__).parents[2] / "support/live/heartbeating.py"
+CHILD = Path(__file__).parents[2] / "lib/support/live/heartbeat_standin.py"
 Start = Callable[..., subprocess.Popen[str]]
 BUSY_S = 3.0  # by which everything may take longer on a busy computer
 PATIENCE_S = 20.0  # for what takes a fraction of it on a computer that has nothing else to do

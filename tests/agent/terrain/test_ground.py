@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import rasterio
 import tifffile
-from geodetic import geodetics_from_mission
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,6 +17,7 @@ from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission,
 from radron.agent.errors import ConfigError
 from radron.agent.frames.transform import Transform
 from radron.agent.terrain.ground import Ground
+from support.flights.geodetic import geodetics_from_mission
 
 AREA = AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0)), fence_margin_m=10.0)
 DATUM = DatumConfig(latitude_deg=50.1, longitude_deg=14.5, altitude_m=230.0)

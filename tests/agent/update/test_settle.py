@@ -8,12 +8,12 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from onboard import NEW, OLD, OnboardFiles, well
 
 from radron.agent.update.records import Records, read_report
 from radron.agent.update.settle import Surroundings, lacking, settle
 from radron.protocol.messages import Stage
 from radron.protocol.onboard import Needs, Report, Trial
+from support.computers.onboard import NEW, OLD, OnboardFiles, well
 
 DEADLINE_S = 300.0
 NEEDS = Needs(alive=("d2", "d3"), autopilot=True, camera=True)

@@ -7,9 +7,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from onboard import OnboardFiles
 
 from radron.agent.update.errors import UpdateError
+from support.computers.onboard import OnboardFiles
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import socket
 import threading
 
 import pytest
-from px4_sky import STAY, free_port, sky
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.agent.config.drone import VehicleConfig
@@ -15,6 +14,7 @@ from radron.agent.errors import VehicleError
 from radron.agent.vehicle.demands import Demands
 from radron.agent.vehicle.mavlink.exposure import exposure, take_only_from
 from radron.agent.vehicle.px4 import Px4Vehicle
+from support.px4.sky import STAY, free_port, sky
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import time
 from math import dist, hypot, pi
 
 import pytest
-from px4_sky import STAY, TAKEOFF, Sky, hover, ready, sky
 
 from radron.agent.vehicle.interface import FlightMode, LaunchPlace, Request, VehicleCommand
+from support.px4.sky import STAY, TAKEOFF, Sky, hover, ready, sky
 
 
 async def airborne(flight: Sky) -> None:

@@ -8,8 +8,6 @@ from math import dist, hypot
 
 import msgspec
 import pytest
-from line_server import LineServer, line_server
-from px4_sky import STAY, STEP_S, TAKEOFF, UTC_NS, Sky, hover, ready, sky
 
 from radron.agent.config.mission import DatumConfig
 from radron.agent.vehicle.interface import FlightMode, GnssFix
@@ -17,6 +15,8 @@ from radron.sim.world.localization import LocalizationTruth
 from radron.sim.world.localizers import EventTruth, VehicleTruth
 from radron.sim.world.movingframes import MovingFrames
 from radron.sim.world.streams import streams
+from support.px4.sky import STAY, STEP_S, TAKEOFF, UTC_NS, Sky, hover, ready, sky
+from support.sensors.line_server import LineServer, line_server
 
 BY_VISION = {"EKF2_EV_CTRL": 11, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_NOAID_TOUT": 1_000_000}
 BY_VISION |= {"COM_OBL_RC_ACT": 4, "NAV_RCL_ACT": 3}

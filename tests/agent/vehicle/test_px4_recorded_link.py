@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from recorded_px4 import packets
 
 from radron.agent.config.drone import VehicleConfig
 from radron.agent.errors import VehicleError
@@ -18,6 +17,7 @@ from radron.agent.vehicle.demands import Demands
 from radron.agent.vehicle.interface import FlightMode, VehicleState
 from radron.agent.vehicle.mavlink.claim import claim_port, holders
 from radron.agent.vehicle.px4 import Px4Vehicle
+from support.px4.recorded import packets
 
 GLOBAL_ORIGIN = 49  # message id
 SPEED = 1.5  # of the recording's time to the wall's; a launch place takes a second of standing still, and it arms after four

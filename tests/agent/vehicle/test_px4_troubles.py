@@ -4,9 +4,9 @@ import asyncio
 import time
 
 import pytest
-from px4_sky import STAY, TAKEOFF, ready, sky
 
 from radron.sim.vehicle.px4.config import Faults
+from support.px4.sky import STAY, TAKEOFF, ready, sky
 
 
 @pytest.mark.slow

@@ -8,12 +8,12 @@ import socket
 import time
 
 import pytest
-from px4_sky import STAY, TAKEOFF, sky
 from pymavlink.dialects.v10 import common as first_version
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.agent.vehicle.mavlink.signed import First, first_message, first_of
 from radron.sim.vehicle.px4.mavlink.link import Link
+from support.px4.sky import STAY, TAKEOFF, sky
 
 KEY = bytes(range(32))
 HEARTBEAT = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 81, 0, 3, 3)

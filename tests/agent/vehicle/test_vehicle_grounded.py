@@ -2,11 +2,11 @@
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import SECOND, START_NS, TICK_NS, started, state
 
 from radron.agent.vehicle.grounded import CONFIRM_NS, MOVING_MPS, STILL_NS, Grounded
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Stage
+from support.flights.one_pilot import SECOND, START_NS, TICK_NS, started, state
 
 DOWN = {"armed": False, "in_air": False}
 FAST = (2.0 * MOVING_MPS, 0.0, 0.0)

@@ -7,14 +7,14 @@ from typing import Any
 
 import msgspec
 import pytest
-from detector_feed import until
 from hypothesis import given
 from hypothesis import strategies as st
-from line_server import line_server
 from scipy.spatial.transform import Rotation
 
 from radron.agent.vehicle.frame import enu_from_flu, enu_from_ned
 from radron.agent.vehicle.vision import Vision, VisionPose, odometry
+from support.sensors.detector_feed import until
+from support.sensors.line_server import line_server
 
 NOW_NS = 1_767_225_600_000_000_000
 POSE = VisionPose(stamp_ns=NOW_NS - 20_000_000, position_m=(1.0, 2.0, 3.0), quaternion=(1.0, 0.0, 0.0, 0.0), reset_counter=4)

@@ -5,7 +5,7 @@
 Arrays NAME/setpoint, NAME/estimate and NAME/truth for each recording, int32, one column for each quantity, each row but the first
 as the difference to the row before. Times are those of sending or of reception in units of 0.1 ms, since the first packet: the
 vehicle's own clock loses 1 % against them, and the truth's stamp is not of the vehicle's clock at all.
-``tests/support/px4/recorded_series.py`` reads it. Columns, local NED, of the units that are named in ``UNITS``:
+``tests/lib/support/px4/recorded_series.py`` reads it. Columns, local NED, of the units that are named in ``UNITS``:
 
 setpoint: time, type_mask, position, velocity and acceleration (the ignored ones, too, are the reference), yaw, yaw rate
 estimate: time, position, velocity, yaw, from LOCAL_POSITION_NED and the newest ATTITUDE

@@ -1,6 +1,6 @@
 """Commands to a real PX4 and its answers, out of its recordings A, B, D and E: timelines.json.xz.
 
-    PYTHONPATH=tests/support/px4 python tests/contract/recordings/extract_timelines.py FOLDER-OF-THE-TLOGS
+    PYTHONPATH=tests/lib python tests/contract/recordings/extract_timelines.py FOLDER-OF-THE-TLOGS
 
 One entry for each recording: "name", "system" (of the vehicle), "duration_ms", "rates_hz" (of the vehicle's messages by number),
 "setpoints" ([ms, mask, ...], the values that the mask does not ignore, in 1/1000, NaN as null) and "rows" ([ms, kind, ...], times
@@ -26,7 +26,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from px4_timeline import Packet, Timeline
+from support.px4.timeline import Packet, Timeline
 
 GROUPS = "ABDE"
 OUTPUT = Path(__file__).parent / "timelines.json.xz"

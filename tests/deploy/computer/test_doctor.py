@@ -11,13 +11,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from bench_camera import bench_camera
-from live_agents import Vehicles, closing, free_ports, write_configs
-from sshserver import LACKING, ssh_server
 
 from radron.agent.doctor.report import Check, Report
 from radron.deploy.computer.doctor import BENCH, examine, report_in
 from radron.deploy.remote import Host, RemoteError
+from support.computers.sshserver import LACKING, ssh_server
+from support.live.agents import Vehicles, closing, free_ports, write_configs
+from support.sensors.bench_camera import bench_camera
 
 REPORT = Report(drone="d1", version="0.1.0", mission="yard", stamp_ns=0, checks=(Check("clock", "clock", "ok", ""),))
 DEPLOY = str(Path(sys.executable).parent / "radron-deploy")

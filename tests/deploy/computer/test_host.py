@@ -8,11 +8,11 @@ import platform
 from pathlib import Path
 
 import pytest
-from sshserver import LACKING, ssh_server
 
 from radron.deploy.computer.host import asked, check_alone, judged
 from radron.deploy.image.wheels import Platform
 from radron.deploy.remote import Host, RemoteError
+from support.computers.sshserver import LACKING, ssh_server
 
 HOST = Host("nuc", "10.7.1.12")
 GOOD = {

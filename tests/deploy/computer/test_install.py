@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from bench_camera import bench_camera
-from fleets import KEY
-from live_agents import Vehicles, closing, free_ports, until
-from systemd_machine import lacking, systemd_machine
 
 from radron.agent.shell import foldworker
 from radron.deploy.remote import Host
+from support.computers.fleets import KEY
+from support.computers.systemd_machine import lacking, systemd_machine
+from support.live.agents import Vehicles, closing, free_ports, until
+from support.sensors.bench_camera import bench_camera
 
 pytestmark = [pytest.mark.long, pytest.mark.skipif(lacking() is not None, reason=str(lacking()))]
 SOURCE = Path(__file__).parents[3]

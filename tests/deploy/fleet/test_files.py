@@ -9,7 +9,6 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pytest
-from fleets import FLEET, KEY, MISSION, PIXELS, make_fleet
 
 from radron.agent.detector.files.calibration import load_calibration
 from radron.agent.errors import ConfigError
@@ -17,6 +16,7 @@ from radron.agent.shell.overrides import load_drone
 from radron.deploy.cli import main
 from radron.deploy.fleet.files import files_of, write_files
 from radron.deploy.fleet.loading import load_fleet
+from support.computers.fleets import FLEET, KEY, MISSION, PIXELS, make_fleet
 
 
 def texts(folder: Path, drone: str) -> dict[str, str]:

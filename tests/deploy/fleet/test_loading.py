@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from fleets import FLEET, KEY, MISSION, make_fleet
 
 from radron.agent.errors import ConfigError
 from radron.deploy.fleet.loading import load_fleet
+from support.computers.fleets import FLEET, KEY, MISSION, make_fleet
 
 
 def test_a_drone_has_the_shared_keys_and_its_own(tmp_path: Path) -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from fleets import FLEET, make_fleet
 
 from radron.deploy import cli
 from radron.deploy.image import command, target
 from radron.deploy.image import flash as flashing
 from radron.deploy.image.build import Manifest, manifest_file
 from radron.deploy.image.layout import MIB
+from support.computers.fleets import FLEET, make_fleet
 
 IMAGE_BYTES = 4 * MIB
 

@@ -7,13 +7,13 @@ import subprocess
 from pathlib import Path, PurePosixPath
 
 import pytest
-from fleets import PIXELS, make_fleet
 
 from radron.deploy.fleet.loading import load_fleet
 from radron.deploy.image.configpartition import make_config
 from radron.deploy.image.errors import ImageError
 from radron.deploy.image.layout import CONFIG, MIB
 from radron.deploy.image.tools import need, run
+from support.computers.fleets import PIXELS, make_fleet
 
 EPOCH = 1_700_000_000
 without_tools = pytest.mark.skipif(

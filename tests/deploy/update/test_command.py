@@ -9,15 +9,15 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from meshes import free_port
-from onboard import NEW, OLD, well
-from sshserver import LACKING, ssh_server
-from updatable import Fleet
 
 from radron.deploy import cli
 from radron.deploy.remote import Host
 from radron.deploy.update import hosts, logs, push
 from radron.protocol.messages import Stage
+from support.computers.onboard import NEW, OLD, well
+from support.computers.sshserver import LACKING, ssh_server
+from support.computers.updatable import Fleet
+from support.mesh.meshes import free_port
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from sshserver import LACKING, ssh_server
 
 from radron.deploy.remote import Host, RemoteError
 from radron.deploy.update.logs import Fetched, fetch_logs
+from support.computers.sshserver import LACKING, ssh_server
 
 pytestmark = pytest.mark.skipif(LACKING is not None, reason=LACKING or "")
 

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from cable import cable_to
-from meshes import free_port
-from onboard import NEW, OLD, well
-from sshserver import LACKING, ssh_server
-from updatable import Fleet
 
 from radron.deploy.remote import Host, RemoteError
 from radron.deploy.update import hosts, push
 from radron.deploy.update.errors import UpdateError
 from radron.protocol.messages import Stage
 from radron.protocol.onboard import Computer, Needs, Outcome, Release, Trial
+from support.computers.cable import cable_to
+from support.computers.onboard import NEW, OLD, well
+from support.computers.sshserver import LACKING, ssh_server
+from support.computers.updatable import Fleet
+from support.mesh.meshes import free_port
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKING is not None, reason=LACKING or "")]
 

@@ -6,8 +6,6 @@ import re
 
 import msgspec
 import pytest
-from fleets import KEY, MISSION, make_fleet
-from onboard import NEW, OLD, well
 from rich.console import Console
 
 from radron.agent.errors import ConfigError
@@ -17,6 +15,8 @@ from radron.deploy.update.errors import UpdateError
 from radron.deploy.update.hosts import find_hosts
 from radron.deploy.update.status import Answer, Cell, rows, table
 from radron.protocol.onboard import Computer, Needs, Outcome, Trial
+from support.computers.fleets import KEY, MISSION, make_fleet
+from support.computers.onboard import NEW, OLD, well
 
 NOW_NS = 1_800_000_000_000_000_000
 DAY_NS = 86_400_000_000_000

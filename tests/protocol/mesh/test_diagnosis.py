@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from encrypted import endpoint, joined
-from identities import DAY_NS, identity, new_issuer, now_ns
 
 from radron.deploy.pki.release import issue_release
 from radron.protocol.identity import Identity, load_identity
 from radron.protocol.issuing import Issuer
 from radron.protocol.mesh.diagnosis import refusals
+from support.mesh.encrypted import endpoint, joined
+from support.mesh.identities import DAY_NS, identity, new_issuer, now_ns
 
 
 def against_d1(folder: Path, own: Identity, d1: Identity | None = None) -> str:

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from meshes import until
 
 from radron.protocol.codec import MAX_ENTRY_BYTES, MAX_NEWS_BYTES
 from radron.protocol.keys import command_key, drone_key
 from radron.protocol.mesh import inbox as inbox_module
 from radron.protocol.mesh.inbox import MAX_ANSWERED_ENTRIES, MAX_QUEUES, NEWS_IN_TURN, NEWS_PER_S, SLICE_MESSAGES, Inbox
+from support.mesh.meshes import until
 
 CONE = drone_key("s", "d1", "cone")
 POSE = drone_key("s", "d1", "pose")

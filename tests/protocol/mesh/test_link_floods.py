@@ -15,14 +15,14 @@ from itertools import cycle
 from pathlib import Path
 
 import pytest
-from encrypted import Listening, endpoint, heard, joined, swarm
-from meshes import SWARM, linked, until
 from zenoh.handlers import Callback
 
 from radron.protocol.identity import load_identity
 from radron.protocol.keys import ROOT, command_key, drone_key, log_query_key
 from radron.protocol.mesh.rights import COMMANDS_PER_S, LOG_QUERIES_PER_S
 from radron.protocol.units import STATION
+from support.mesh.encrypted import Listening, endpoint, heard, joined, swarm
+from support.mesh.meshes import SWARM, linked, until
 
 MUTE_S = 4.0  # for an exchange of milliseconds; a member kept out by a flood stays out for the whole flood
 

@@ -10,9 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from encrypted import DRONES, QUIET_S, endpoint, is_let_in, joined
-from identities import DAY_NS, Wrong, identity, new_issuer, now_ns, write_wrong
-from meshes import SWARM, linked, until
 
 from radron.deploy.pki.release import issue_release
 from radron.protocol.errors import MeshError
@@ -20,6 +17,9 @@ from radron.protocol.identity import Identity, IdentityError, Role, load_identit
 from radron.protocol.issuing import Issuer, write_identity
 from radron.protocol.keys import drone_key
 from radron.protocol.mesh.session import Mesh, MeshConfig
+from support.mesh.encrypted import DRONES, QUIET_S, endpoint, is_let_in, joined
+from support.mesh.identities import DAY_NS, Wrong, identity, new_issuer, now_ns, write_wrong
+from support.mesh.meshes import SWARM, linked, until
 
 
 def against_d1(folder: Path, own: Identity | None, dial: str = "") -> bool:

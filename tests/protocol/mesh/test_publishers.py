@@ -9,12 +9,12 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pytest
-from encrypted import joined, swarm
-from meshes import DEADLINE_S, Member
 
 from radron.protocol.identity import load_identity
 from radron.protocol.keys import drone_key
 from radron.protocol.mesh.publishers import LEASE_S, MAX_SESSIONS, SHOWN_S, Publishers
+from support.mesh.encrypted import joined, swarm
+from support.mesh.meshes import DEADLINE_S, Member
 
 POSE = drone_key("s", "d2", "pose")
 TWO = ("d2: two sessions publish under its name (a copied key, or an agent started twice)",)

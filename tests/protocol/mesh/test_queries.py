@@ -7,8 +7,6 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
-from identities import identity, new_issuer
-from meshes import SWARM, Member, endpoint, free_port, member, until
 
 from radron.protocol.errors import ProtocolError
 from radron.protocol.identity import Identity, Role
@@ -16,6 +14,8 @@ from radron.protocol.keys import station_key
 from radron.protocol.mesh.queries import hash_of, split
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import MAX_PARTS, PART_BYTES
+from support.mesh.identities import identity, new_issuer
+from support.mesh.meshes import SWARM, Member, endpoint, free_port, member, until
 
 CONTENT = bytes(range(256)) * (3 * PART_BYTES // 256) + b"end"  # four parts
 

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Collection
 
 import pytest
-import virtual_time
 
 from radron.protocol.mesh.recovery import HURRY_S, RECOVERY_PERIOD_S, recover
+from support import virtual_time
 
 
 class Swarm:

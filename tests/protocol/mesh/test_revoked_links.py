@@ -9,14 +9,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from encrypted import DRONES, endpoint, joined
-from meshes import SWARM, linked, until
 
 from radron.protocol.errors import MeshError
 from radron.protocol.identity import load_identity
 from radron.protocol.issuing import Issuer
 from radron.protocol.keys import command_key, drone_key
 from radron.protocol.mesh.session import MeshConfig
+from support.mesh.encrypted import DRONES, endpoint, joined
+from support.mesh.meshes import SWARM, linked, until
 
 
 def test_a_revoked_drone_publishes_nothing_and_hears_nothing(issuer: Issuer, folder: Path) -> None:

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from encrypted import QUIET_S, endpoint, heard, joined, swarm
-from meshes import SWARM, until
 from zenoh.handlers import Callback
 
 from radron.protocol.identity import Role, load_identity
 from radron.protocol.keys import ROOT, command_key, drone_key, log_query_key
 from radron.protocol.messages import DRONE_KINDS
 from radron.protocol.units import STATION
+from support.mesh.encrypted import QUIET_S, endpoint, heard, joined, swarm
+from support.mesh.meshes import SWARM, until
 
 
 def test_a_drone_publishes_under_its_own_name_only(folder: Path) -> None:

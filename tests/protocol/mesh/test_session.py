@@ -6,7 +6,6 @@ import socket
 import time
 
 import pytest
-from meshes import LEASE, LONG_LEASE_MS, endpoint, free_port, linked, member, pair, until
 
 from radron.protocol.codec import MAX_NEWS_BYTES
 from radron.protocol.errors import MeshError, ProtocolError
@@ -16,6 +15,7 @@ from radron.protocol.mesh.inbox import ENTRY_KINDS, NEWS_KINDS
 from radron.protocol.mesh.recovery import recover
 from radron.protocol.mesh.rights import COMMANDS_PER_S
 from radron.protocol.mesh.session import Mesh, MeshConfig
+from support.mesh.meshes import LEASE, LONG_LEASE_MS, endpoint, free_port, linked, member, pair, until
 
 
 def test_every_kind_reaches_the_others_and_not_oneself() -> None:

@@ -8,21 +8,19 @@ import sys
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from pathlib import Path
 from random import Random
 
-import meshes
 import pytest
-from meshes import LONG_LEASE_MS, endpoint, free_port, linked, member, peer_process, until
 
 from radron.protocol.keys import drone_key
 from radron.protocol.mesh import session
 from radron.protocol.mesh.link import LINK_CLOSE_S
 from radron.sim.live.relays.linkstate import PASSING, LinkState
 from radron.sim.live.relays.tcp import Relay
+from support import PATH
+from support.mesh.meshes import LONG_LEASE_MS, endpoint, free_port, linked, member, peer_process, until
 
 CONE = drone_key("s", "d1", "cone")
-SUPPORT = Path(meshes.__file__).parent
 
 
 @asynccontextmanager
@@ -260,7 +258,7 @@ import contextlib
 import sys
 from pathlib import Path
 
-from meshes import pair, until
+from support.mesh.meshes import pair, until
 
 def receive_threads():
     names = []
@@ -286,7 +284,7 @@ def test_the_receive_threads_are_raised_unless_the_user_says_otherwise(setting: 
         environment["ZENOH_RUNTIME"] = setting
     done = subprocess.run(
         [sys.executable, "-c", COUNT_THREADS, str(threads)],
-        cwd=SUPPORT,
+        cwd=PATH,
         env=environment,
         capture_output=True,
         text=True,

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import psutil
 import pytest
-import synthetic
 
 from radron.agent.errors import ConfigError
 from radron.sim.campaign.flights import Campaign, fly_campaign, result_of
 from radron.sim.campaign.report import write_campaign
 from radron.sim.campaign.workers import Fly, Job, Outcome, attempt, in_processes, on_dask
+from support import PATH
+from support.flights import synthetic
 
 WALL = ("wall_s", "realtime_factor")
 DEADLINE_S = 30.0
@@ -77,8 +78,8 @@ def test_a_killed_campaign_goes_on_where_it_stopped(tmp_path: Path) -> None:
     folder, flag = tmp_path / "out", tmp_path / "flag"
     script = f"""
 import sys
-sys.path.insert(0, {str(Path(synthetic.__file__).parent)!r})
-import synthetic
+sys.path.insert(0, {PATH!r})
+from support.flights import synthetic
 from radron.sim.campaign.flights import Campaign, fly_campaign
 from radron.sim.campaign.workers import in_processes
 from pathlib import Path

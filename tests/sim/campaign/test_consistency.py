@@ -9,13 +9,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-import synthetic
 
 from radron.sim.campaign.consistency import SCENARIOS, Share, consistency_of, consistency_table, write_consistency
 from radron.sim.campaign.flights import Campaign, fly_campaign
 from radron.sim.campaign.workers import Job, attempt
 from radron.sim.result import RunResult
 from radron.sim.scenario import shipped
+from support.flights import synthetic
 
 
 def claiming(factor: float, runs: int = 200) -> list[RunResult]:

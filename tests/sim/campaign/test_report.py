@@ -11,7 +11,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-import synthetic
 from matplotlib.patches import Ellipse
 
 from radron.protocol.messages import Source
@@ -38,6 +37,7 @@ from radron.sim.figures.spacing import spacing_figure
 from radron.sim.figures.style import ESTIMATE, new_figure
 from radron.sim.result import EstimateTrace, FaultTrace, Flight, SourceTrace
 from radron.sim.scoring.statistics import median
+from support.flights import synthetic
 
 
 def fly(campaign: Campaign, folder: Path) -> Flown:

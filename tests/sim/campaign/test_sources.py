@@ -5,10 +5,10 @@ import io
 
 import msgspec
 import pytest
-import synthetic
 
 from radron.sim.campaign.report import case_sentence, cases_csv
 from radron.sim.campaign.sources import SourceSummary, sources_markdown, summarise_sources
+from support.flights import synthetic
 
 
 def run(seed, **fields):

@@ -7,7 +7,6 @@ import io
 from pathlib import Path
 
 import pytest
-import synthetic
 
 from radron.sim.campaign.table import (
     FIELD,
@@ -24,6 +23,7 @@ from radron.sim.campaign.table import (
 )
 from radron.sim.campaign.workers import Job, attempt
 from radron.sim.scoring.statistics import summarise
+from support.flights import synthetic
 
 STUDIES = pytest.mark.parametrize("study", [SIMULATIONS, FIELD], ids=["simulations", "field"])
 

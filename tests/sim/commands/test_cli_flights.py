@@ -14,7 +14,6 @@ from typing import Any
 
 import msgspec
 import pytest
-import synthetic
 
 import radron.sim.cli
 import radron.sim.commands.flights
@@ -22,6 +21,7 @@ import radron.sim.lockstep.flight
 from radron.agent.errors import ConfigError
 from radron.sim.campaign.workers import Fly, Job, Outcome, attempt
 from radron.sim.scenario import shipped
+from support.flights import synthetic
 
 Call = Callable[..., tuple[int, str, str]]
 

@@ -2,7 +2,6 @@
 
 import msgspec
 import pytest
-from of_a_second import at
 
 from radron.protocol.codec import decode_from, encode
 from radron.protocol.errors import ProtocolError
@@ -13,6 +12,7 @@ from radron.sim.faults.kinds import KINDS
 from radron.sim.faults.poisoners import Poisoners
 from radron.sim.faults.schedule import Schedule
 from radron.sim.lockstep.members import SimulatedAuthority
+from support.flights.drone_messages import at
 
 DRONES = ("d1", "d2", "d3")
 TRUSTS = [SimulatedAuthority(1).trust(name) for name in DRONES]

@@ -3,10 +3,8 @@
 from itertools import product
 from math import dist
 
-import moments
 import msgspec
 import pytest
-from of_a_second import SECOND, at
 
 from radron.protocol.codec import decode_from, encode
 from radron.protocol.entries import Entry
@@ -17,6 +15,8 @@ from radron.sim.faults.poisoners import Poisoners
 from radron.sim.faults.schedule import Schedule
 from radron.sim.lockstep.flight import watched
 from radron.sim.lockstep.members import SimulatedAuthority
+from support.flights import moments
+from support.flights.drone_messages import SECOND, at
 
 
 def told(what, how, drone=0, **values):

@@ -3,7 +3,6 @@
 import msgspec
 import pytest
 from msgspec.structs import replace
-from of_a_second import at
 
 from radron.protocol.codec import decode_from, encode
 from radron.protocol.keys import key_of
@@ -16,6 +15,7 @@ from radron.sim.faults.tellers import Tellers
 from radron.sim.lockstep.flight import watched
 from radron.sim.lockstep.members import SimulatedAuthority
 from radron.sim.scenario import load_scenario
+from support.flights.drone_messages import at
 
 NAMES = ("d1", "d2", "d3", "d4")
 MISSION, BOOT = "0123456789abcdef", "00000000000000aa"

@@ -2,7 +2,6 @@
 
 import msgspec
 import pytest
-from of_a_second import at
 
 from radron.protocol.codec import decode_from, encode
 from radron.protocol.keys import key_of
@@ -12,6 +11,7 @@ from radron.sim.faults.kinds import KINDS
 from radron.sim.faults.schedule import Schedule
 from radron.sim.faults.thieves import OTHER_BOOT, Thieves
 from radron.sim.lockstep.members import SimulatedAuthority
+from support.flights.drone_messages import at
 
 DRONES = ("d1", "d2", "d3")
 AUTHORITY = SimulatedAuthority(1)

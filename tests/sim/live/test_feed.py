@@ -4,12 +4,12 @@ import asyncio
 import time
 
 import numpy as np
-from detector_feed import readout_at, until
 
 from radron.agent.detector.drivers.feed import FeedDetector
 from radron.agent.detector.readout import PixelHits, Readout
 from radron.sim.live import feed as feed_module
 from radron.sim.live.feed import FeedServer
+from support.sensors.detector_feed import readout_at, until
 
 
 async def unpacked(reader, number):

@@ -4,13 +4,13 @@ import random
 from collections import Counter
 
 import pytest
-from estimated_frames import DRIFT, UNKNOWN, anchored, lines, satellites, told_later
-from sighted_swarm import SECOND, Drone, arrival_ns, fly, settle
 
 from radron.agent.frames.estimate import Estimate
 from radron.agent.frames.swarm import SwarmFrames
 from radron.protocol.codec import encode
 from radron.sim.lockstep.sharedframes import SharedFrames
+from support.flights.estimated_frames import DRIFT, UNKNOWN, anchored, lines, satellites, told_later
+from support.flights.sighted_swarm import SECOND, Drone, arrival_ns, fly, settle
 
 
 def jumping(seed):

@@ -16,8 +16,6 @@ from typing import Any
 import psutil
 import pymap3d
 import pytest
-from live_agents import until
-from px4_ports import px4_ports
 
 from radron.agent.errors import VehicleError
 from radron.sim.live.runfolder import live_mission
@@ -28,8 +26,10 @@ from radron.sim.px4test.session import SESSIONS
 from radron.sim.scenario import load_scenario
 from radron.sim.vehicle.px4.config import Datum
 from radron.sim.vehicle.px4.parameters import DEFAULTS
+from support.live.agents import until
+from support.px4.ports import px4_ports
 
-STANDIN = Path(__file__).parents[2] / "support/px4/px4_standin.py"
+STANDIN = Path(__file__).parents[2] / "lib/support/px4/standin.py"
 MISSION = live_mission(load_scenario("paper-demo"), 1)
 PROGRAM = Path(sysconfig.get_path("scripts")) / "radron-sim"
 

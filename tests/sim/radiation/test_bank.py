@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from event_quality import Clusters, clusters
 from scipy import stats
 
 from radron.sim.radiation import emission
@@ -13,8 +12,8 @@ from radron.sim.radiation.camera import Camera, SourceView
 from radron.sim.radiation.electronics import FLIP_COLUMN, FLIP_ROW, SWAP
 from radron.sim.radiation.events import COMPLETE, SCATTERED, SINGLE, Events, simulate
 from radron.sim.radiation.timepix3 import response
-
-from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
+from support.sensors.event_quality import Clusters, clusters
+from support.sensors.partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
 
 LINE = 661.657
 SECOND = 1_000_000_000

@@ -14,8 +14,7 @@ from radron.sim.radiation.beam import BeamCamera
 from radron.sim.radiation.camera import Camera, CameraTruth, SourceView
 from radron.sim.radiation.materials import air_attenuation_per_m
 from radron.sim.radiation.timepix3 import energies_kev
-
-from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
+from support.sensors.partial_bank import ALONE, POLAR_DEG, direction, partial_bank, regroup
 
 SECOND = 1_000_000_000
 CLOCK = 1_700_000_000_123_456_789

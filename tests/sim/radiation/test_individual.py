@@ -12,8 +12,7 @@ from radron.sim.radiation import emission
 from radron.sim.radiation.calibration import NOMINAL_A, PixelCalibration
 from radron.sim.radiation.camera import Camera, CameraTruth, SourceView
 from radron.sim.radiation.individual import Individual
-
-from .partial_bank import ALONE, POLAR_DEG, direction, partial_bank
+from support.sensors.partial_bank import ALONE, POLAR_DEG, direction, partial_bank
 
 SECOND = 1_000_000_000
 BEHIND = (0.0, 0.0, -1.0)

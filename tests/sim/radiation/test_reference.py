@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from event_quality import clusters, complete, cones, fwhm
 
 from radron.sim.radiation.events import Events, simulate
 from radron.sim.radiation.timepix3 import response
 from radron.sim.radiation.transport import projected_area_mm2
 from radron.sim.radiation.truth import CameraTruth
+from support.sensors.event_quality import clusters, complete, cones, fwhm
 
 LINE = 661.657
 

@@ -9,8 +9,7 @@ from radron.sim.radiation.bank import EventBank
 from radron.sim.radiation.nuclides import nuclide
 from radron.sim.radiation.timepix3 import response
 from radron.sim.radiation.truth import CameraTruth
-
-from .partial_bank import partial_bank
+from support.sensors.partial_bank import partial_bank
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import asyncio
 
 import numpy as np
 import pytest
-from emulated_px4 import Flight
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.sim.faults.machines import Battery, Gust, HeadingReset, MotorFailure, PositionJump, Refusal, StreamLost
+from support.px4.emulated import Flight
 
 ACCEPTED, REJECTED = 0, 1
 ARM, LAND, RETURN = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH

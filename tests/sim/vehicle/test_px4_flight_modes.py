@@ -4,8 +4,9 @@ import asyncio
 
 import numpy as np
 import pytest
-from emulated_px4 import Flight, int_bits, param_set, position_target
 from pymavlink.dialects.v20 import common as mavlink
+
+from support.px4.emulated import Flight, int_bits, param_set, position_target
 
 ACCEPTED, REJECTED = 0, 1
 SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM

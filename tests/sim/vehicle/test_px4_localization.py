@@ -5,7 +5,6 @@ from math import cos, degrees, dist, nan, pi, sin
 
 import numpy as np
 import pytest
-from emulated_px4 import Flight, int_bits, param_set
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.agent.config.mission import DatumConfig
@@ -13,6 +12,7 @@ from radron.sim.world.localization import LocalizationTruth
 from radron.sim.world.localizers import EventTruth, VehicleTruth
 from radron.sim.world.movingframes import MovingFrames
 from radron.sim.world.streams import streams
+from support.px4.emulated import Flight, int_bits, param_set
 
 STEP_S = 0.01
 BY_VISION = {"EKF2_EV_CTRL": 9, "EKF2_GPS_CTRL": 0, "EKF2_NOAID_TOUT": 1_000_000}

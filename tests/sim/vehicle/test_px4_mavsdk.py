@@ -6,7 +6,6 @@ import socket
 
 import numpy as np
 import pytest
-from emulated_px4 import STEP_S, new_fleet
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.offboard import OffboardAsync, PositionNedYaw, VelocityNedYaw
@@ -14,6 +13,7 @@ from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 
 from radron.sim.vehicle.px4.config import Px4Config
+from support.px4.emulated import STEP_S, new_fleet
 
 FASTER = 4  # the vehicle's time than the wall's
 

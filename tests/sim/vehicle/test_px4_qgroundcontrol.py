@@ -4,8 +4,9 @@ import asyncio
 import struct
 
 import pytest
-from emulated_px4 import Flight, int_bits
 from pymavlink.dialects.v20 import common, development
+
+from support.px4.emulated import Flight, int_bits
 
 ACCEPTED, DENIED = 0, 2
 AVAILABLE_MODES, COMPONENT_METADATA, PROTOCOL_VERSION = 435, 397, 300

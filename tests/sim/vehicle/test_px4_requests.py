@@ -5,10 +5,10 @@ import math
 import struct
 
 import pytest
-from emulated_px4 import Flight, int_bits, param_set, position_target
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.sim.vehicle.px4.config import Faults
+from support.px4.emulated import Flight, int_bits, param_set, position_target
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
 SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM

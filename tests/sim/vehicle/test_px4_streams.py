@@ -6,13 +6,13 @@ from collections import Counter
 import numpy as np
 import pymap3d
 import pytest
-from emulated_px4 import Companion, Flight, new_fleet, position_target
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
 from radron.sim.vehicle.px4.config import Datum, Px4Config
 from radron.sim.vehicle.px4.fleet import VehicleReport
 from radron.sim.world.localization import LocalizationTruth
+from support.px4.emulated import Companion, Flight, new_fleet, position_target
 
 ONBOARD = {
     "ATTITUDE": 100,

@@ -3,10 +3,10 @@
 import asyncio
 
 import pytest
-from emulated_px4 import Flight
 from pymavlink.dialects.v20 import common as mavlink
 
 from radron.sim.world.terrain import HillTruth, Terrain, TerrainTruth
+from support.px4.emulated import Flight
 
 HILL = Terrain(TerrainTruth(slope=(0.2, 0.0), hills=(HillTruth(centre_m=(0.0, 0.0), height_m=6.0, width_m=10.0),)))
 

@@ -18,9 +18,7 @@ import pytest
 import rasterio
 import shapely
 import SpecUtils
-from identities import identity, new_issuer
 from msgspec.structs import replace
-from served_page import served
 
 from radron.agent.frames.geodesy import mission_from_geodetic
 from radron.agent.fusion.log import ObservationLog
@@ -43,6 +41,8 @@ from radron.station.hub import Hub
 from radron.station.picture.picture import Picture
 from radron.station.picture.shapes import cordon_radius_m
 from radron.station.replay import Records, play
+from support.mesh.identities import identity, new_issuer
+from support.page.served_page import served
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,6 @@ import asyncio
 import math
 
 import pytest
-import shown_drone
-from shown_drone import D1, NOW_NS
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SurveyConfig
 from radron.protocol.entries import Coverage
@@ -13,6 +11,8 @@ from radron.station.findings.facts import Source, facts_of
 from radron.station.findings.html import report_html
 from radron.station.hub import Hub
 from radron.station.picture.picture import Picture
+from support.page import shown_drone
+from support.page.shown_drone import D1, NOW_NS
 
 MISSION = MissionConfig(
     name="m",

@@ -1,9 +1,7 @@
 """Origin of commands at a station: from signed orders and from the drones' statuses."""
 
 import pytest
-from members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS
 
 from radron.protocol.codec import encode
 from radron.protocol.identity import Role
@@ -13,6 +11,8 @@ from radron.protocol.signing import Verifier, sign_command, sign_status
 from radron.station.findings.facts import BY_DRONES, UNHEARD, of_station
 from radron.station.picture.orders import MAX_OBEYED_OF_DRONE, MAX_REFUSED_ORDERS, OBEYED, OVERTAKEN, TAKEN, UNSURE
 from radron.station.picture.picture import Picture
+from support.flights.members import AUTHORITY, FOREIGN, OPERATOR, order, revocation
+from support.flights.one_pilot import MISSION, SECOND, START_NS
 
 D1, D2 = {"d1": Ticket("0" * 16, 5)}, {"d2": Ticket("0" * 16, 9)}
 TOWER = AUTHORITY.trust("tower", Role.OPERATOR)

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
-import shown_drone
 from msgspec.structs import replace
-from shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, exposure
 
 from radron.agent.config.mission import AreaConfig, DatumConfig, DroneInMission, MissionConfig
 from radron.agent.fusion.estimator import Hypothesis
@@ -11,6 +9,8 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import Plan, Stage, Status
 from radron.protocol.spectrum import SpectrumBin
 from radron.station.picture.picture import Picture
+from support.page import shown_drone
+from support.page.shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, exposure
 
 MISSION = MissionConfig(
     name="m",

@@ -1,8 +1,6 @@
 """A station leaves the same entries out of the log as the drones."""
 
 import pytest
-from members import AUTHORITY, FOREIGN, cones, credential, give, revocation, trusting
-from one_pilot import MISSION, START_NS
 
 from radron.protocol.codec import encode
 from radron.protocol.identity import Role
@@ -10,6 +8,8 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import Stage, Status
 from radron.protocol.signing import Verifier, sign_status
 from radron.station.picture.picture import Picture
+from support.flights.members import AUTHORITY, FOREIGN, cones, credential, give, revocation, trusting
+from support.flights.one_pilot import MISSION, START_NS
 
 ENTRIES = [credential(), *cones(range(1, 11))]
 REVOCATION = revocation(last={"2" * 16: 6})

@@ -10,8 +10,6 @@ import msgspec
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from msgspec.structs import replace
-from served_page import served
-from shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, give
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
@@ -21,6 +19,8 @@ from radron.station.picture.picture import Picture
 from radron.station.viewers import live as live_module
 from radron.station.viewers.live import LiveFoxglove
 from radron.station.web.foxglove import MAX_CLIENTS, door
+from support.page.served_page import served
+from support.page.shown_drone import D1, NOW_NS, PLACE_M, POSE, SPEED_MPS, give
 
 MISSION = MissionConfig(
     name="<b>m</b>",

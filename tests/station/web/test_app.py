@@ -15,7 +15,6 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from msgspec.structs import replace
-from served_page import first, fresh, served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
@@ -27,6 +26,7 @@ from radron.station.web.app import MAX_PAGES
 from radron.station.web.connections import MAX_CONNECTIONS
 from radron.station.web.serving import Place, Serving, StationError
 from radron.station.web.token import TokenError
+from support.page.served_page import first, fresh, served
 
 MISSION = MissionConfig(
     name="m", area=AreaConfig(polygon_m=((0.0, 0.0), (60.0, 0.0), (60.0, 40.0))), drones=(DroneInMission(id="d1"),)

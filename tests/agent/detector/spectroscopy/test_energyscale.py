@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from event_energies import pool
 
 from radron.agent.detector.lines import CANDIDATES
 from radron.agent.detector.spectroscopy.energyscale import EnergyScale
 from radron.agent.detector.spectroscopy.nuclidewatch import RECOGNITION_PERIOD_NS, NuclideWatch
+from support.sensors.event_energies import pool
 
 # Relative: the places of the lines are read up to 0.7 % high, the filtered readings have a sigma of 0.2 %, and a drift of 1 % a
 # minute moves on by 0.2 % before it is read.

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from event_energies import pool
 
 from radron.agent.detector.lines import GAMMAS, LINES_KEV
 from radron.agent.detector.spectroscopy import recognition, residuals
 from radron.agent.detector.spectroscopy.nuclidewatch import RECOGNITION_PERIOD_NS, NuclideWatch
 from radron.agent.detector.spectroscopy.recognition import CANDIDATES, Recogniser
+from support.sensors.event_energies import pool
 
 FOUR = ("Cs-137", "Co-60", "I-131", "Ir-192")
 

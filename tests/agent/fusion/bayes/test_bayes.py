@@ -9,7 +9,6 @@ import random
 import msgspec
 import numpy as np
 import pytest
-from bayesflights import entries_of, errors_of, fusion_of, hypotheses
 
 from radron.agent.frames.carried import told
 from radron.agent.frames.graph import FrameGraph
@@ -22,6 +21,7 @@ from radron.agent.fusion.estimator import GridStep
 from radron.agent.fusion.registry import estimator_named
 from radron.protocol.codec import encode
 from radron.protocol.entries import Counts, Exposure, PoseSample
+from support.flights.bayes import entries_of, errors_of, fusion_of, hypotheses
 
 
 def test_a_static_source_is_found_with_its_activity(kit):

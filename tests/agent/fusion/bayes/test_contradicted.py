@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from bayesflights import SOURCE, entries_of, errors_of, flown, fusion_of, hypotheses
 
 from radron.agent.fusion.bayes import contradicted
 from radron.agent.fusion.bayes.contradicted import MAX_REJECTIONS, is_contradicted, rejected
+from support.flights.bayes import SOURCE, entries_of, errors_of, flown, fusion_of, hypotheses
 
 S = 1_000_000_000
 OFF_M = (11.0, -7.0)

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from bayesflights import SOURCE, errors_of, flown, fusion_of, hypotheses
 
 from radron.agent.fusion.bayes.doubted import DOUBT_WINDOW_NS, MAX_DISTANCE_SIGMA_M, of_counting
 from radron.agent.fusion.bayes.motion import BIAS
+from support.flights.bayes import SOURCE, errors_of, flown, fusion_of, hypotheses
 
 
 def test_who_does_not_know_its_place_moves_nothing_while_others_do(kit):

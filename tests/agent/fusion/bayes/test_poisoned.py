@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from bayesflights import SOURCE, entries_of, fusion_of
 from msgspec.structs import replace
 
 from radron.protocol.entries import Counts, Exposure, PoseSample
+from support.flights.bayes import SOURCE, entries_of, fusion_of
 
 NONE, MANY = Counts(0, 0, 0), Counts(100_000, 40_000, 5_000)
 TRACKED_S = 40.0  # the source is well known by then

@@ -7,10 +7,10 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from bayesflights import SOURCE, entries_of, fusion_of
 
 from radron.agent.fusion.bayes.turned import turned_deg, with_score
 from radron.protocol.entries import Cone
+from support.flights.bayes import SOURCE, entries_of, fusion_of
 
 
 def turned(entry, turn_deg):

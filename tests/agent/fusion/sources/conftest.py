@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
-from fusions import fusion_of
 from shapely import Polygon
 
 from radron.agent.config.estimators import FusionConfig, SourcesEstimatorConfig
@@ -24,6 +23,7 @@ from radron.agent.fusion.sources.spectra import Spectra
 from radron.agent.terrain.ground import Ground
 from radron.protocol.entries import Counts
 from radron.protocol.spectrum import SpectrumBin
+from support.flights.fusions import fusion_of
 
 SIDE_M = 40.0
 NUCLIDES = ("Cs-137", "Co-60", "Ir-192")

@@ -4,7 +4,6 @@ import random
 
 import numpy as np
 import pytest
-from fusions import fusion_of
 from msgspec.structs import replace
 
 from radron.agent.frames.transform import Transform
@@ -18,6 +17,7 @@ from radron.agent.fusion.sources.looking import led
 from radron.agent.fusion.sources.solution import Solution
 from radron.agent.fusion.sources.tracker import Track
 from radron.agent.navigation.focus import focus
+from support.flights.fusions import fusion_of
 
 SPEED_MPS, WALKS_S = 0.8, 30.0
 END_S = 120.0  # up to 40 s until it clearly rests; taken back 30 s later, with the next moves

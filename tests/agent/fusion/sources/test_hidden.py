@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from fusions import fusion_of
 
 from radron.agent.fusion.sources.data import Rows
 from radron.agent.fusion.sources.hidden import Cells, Expected
 from radron.agent.fusion.sources.solution import Solution
+from support.flights.fusions import fusion_of
 
 SOURCE = ("Cs-137", 18.0, 22.0, 3e9)
 WALL_X_M, WALL_Y_M, WALL_HEIGHT_M = 15.0, (20.0, 32.0), 2.5

@@ -4,11 +4,11 @@ import random
 
 import numpy as np
 import pytest
-from fusions import fusion_of
 from msgspec.structs import replace
 
 from radron.agent.config.buildings import BuildingConfig, BuildingsConfig
 from radron.agent.config.mission import SurveyConfig
+from support.flights.fusions import fusion_of
 
 LEAST_BQ = 5e7
 STRONG = ("Cs-137", 8.0, 20.0, 5e9)

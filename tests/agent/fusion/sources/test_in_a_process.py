@@ -15,13 +15,13 @@ from contextlib import suppress
 import numpy as np
 import psutil
 import pytest
-from fusions import fusion_of
 
 from radron.agent.fusion import deferred
 from radron.agent.fusion.estimator import Hypothesis
 from radron.agent.fusion.registry import deferred_named
 from radron.agent.shell.folding import Folding
 from radron.agent.shell.foldworker import LENGTH, packed
+from support.flights.fusions import fusion_of
 
 DEADLINE_S = 120.0  # the machine is shared
 MOST_HELD_S = 0.01  # processor time of the loop between two waits

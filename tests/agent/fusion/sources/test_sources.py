@@ -4,7 +4,6 @@ import random
 
 import numpy as np
 import pytest
-from fusions import fusion_of
 from msgspec.structs import replace
 
 from radron.agent.errors import ConfigError
@@ -16,6 +15,7 @@ from radron.agent.fusion.sources.fit import Fitted
 from radron.agent.fusion.sources.handover import FollowingState
 from radron.agent.fusion.sources.solution import Solution
 from radron.agent.fusion.sources.state import SourcesState
+from support.flights.fusions import fusion_of
 
 TWO = [("Cs-137", 12.0, 20.0, 6e8), ("Ir-192", 30.0, 15.0, 1e9)]
 

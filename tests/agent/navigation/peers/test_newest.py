@@ -2,13 +2,13 @@
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS, partner, pilot
 
 from radron.agent.localization.clocks import MOST_SIGMA_M, Clocks
 from radron.agent.navigation.peers.newest import FUTURE_NS, Peers
 from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Stage, Status
+from support.flights.one_pilot import MISSION, START_NS, partner, pilot
 
 MS = 1_000_000
 

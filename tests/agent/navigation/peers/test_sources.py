@@ -4,7 +4,6 @@ import itertools
 
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.frames.transform import Transform
@@ -16,6 +15,7 @@ from radron.agent.pilot import Step
 from radron.protocol.codec import encode
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Pose, Stage, Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, messages, partner, pilot, state
 
 MS = 1_000_000
 PERIOD_NS = 100 * MS

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION
 
 from radron.agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
 from radron.agent.motion.orbit import ring_lift_m
 from radron.agent.navigation.unheard.crossing import Crossing, WayHome, crossing_height_m, is_over_m
+from support.flights.one_pilot import MISSION
 
 OVER_M = 16.0  # return height of d3
 THREE = replace(

@@ -5,7 +5,6 @@ from math import dist
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from two_drones import MISSION, SECOND, pose, status
 
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.frames.transform import Transform
@@ -13,6 +12,7 @@ from radron.agent.navigation.myself import Self
 from radron.agent.navigation.neighbours import Neighbourhood
 from radron.agent.navigation.peers.newest import Peers
 from radron.protocol.messages import Stage
+from support.flights.two_drones import MISSION, SECOND, pose, status
 
 HEARD = replace(pose(), position_m=(-40.0, 0.0, 3.0), velocity_mps=(0.0, 0.0, 0.0))  # at (10, -40)
 HOME = (10.0, 0.0)

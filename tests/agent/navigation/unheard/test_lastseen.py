@@ -5,7 +5,6 @@ from math import dist
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from two_drones import MISSION, SECOND, pose, sighting, status
 
 from radron.agent.config.mission import SafetyConfig
 from radron.agent.frames.graph import FrameGraph
@@ -15,6 +14,7 @@ from radron.agent.navigation.neighbours import Neighbourhood
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.peers.placing import WORST_SIGMA_M
 from radron.protocol.messages import Stage
+from support.flights.two_drones import MISSION, SECOND, pose, sighting, status
 
 FAR = replace(pose(), position_m=(-40.0, 0.0, 3.0))  # at (10, -40)
 HIDDEN_S = 20.0

@@ -3,13 +3,10 @@
 import re
 from math import cos, hypot, pi, sin, sqrt
 
-import docs_pages
 import numpy as np
 import pytest
 import shapely
-from encounter import least_m
 from msgspec.structs import replace
-from of_a_second import at
 
 from radron.agent.config.drone import ResponseConfig
 from radron.agent.config.mission import (
@@ -39,6 +36,9 @@ from radron.agent.navigation.unheard.crossing import crossing_height_m, is_over_
 from radron.agent.navigation.unheard.silent import Silent
 from radron.agent.navigation.unheard.viewer import Viewer
 from radron.protocol.messages import Stage
+from support import docs_pages
+from support.flights.drone_messages import at
+from support.flights.encounter import least_m
 
 PAGE = (docs_pages.DOCS / "design" / "separation.md").read_text(encoding="utf-8")
 LIMITS = LimitsConfig()

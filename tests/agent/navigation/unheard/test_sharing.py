@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND
 
 from radron.agent.config.mission import DroneInMission
 from radron.agent.motion.orbit import ring_radius_m
@@ -11,6 +10,7 @@ from radron.agent.motion.separation import PeerPlan
 from radron.agent.navigation.unheard.absence import Absence
 from radron.agent.navigation.unheard.crossing import CLEAR_M
 from radron.agent.navigation.unheard.sharing import SharedCircle
+from support.flights.one_pilot import MISSION, SECOND
 
 FOUR = replace(MISSION, drones=tuple(DroneInMission(id=name) for name in ("d1", "d2", "d3", "d4")))
 RADII_M = [ring_radius_m(FOUR, ring, fits_hypothesis=False) for ring in range(4)]

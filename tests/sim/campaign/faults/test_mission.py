@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from moments import hypothesis, moment, pilot
 
 import radron.sim.lockstep.flight
 from radron.agent.pilot import Pilot
@@ -16,6 +15,7 @@ from radron.sim.campaign.faults.mission import Log, Mission, fly_mission
 from radron.sim.campaign.faults.recording import Recording
 from radron.sim.scenario import parse_scenario
 from radron.sim.scoring.moment import Moment
+from support.flights.moments import hypothesis, moment, pilot
 
 
 def document(*faults):

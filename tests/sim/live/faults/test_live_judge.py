@@ -4,7 +4,6 @@ import json
 from math import cos, pi, sin
 from pathlib import Path
 
-import moments
 import numpy as np
 from msgspec.structs import replace
 
@@ -18,6 +17,7 @@ from radron.sim.scoring.invariants.base import Setting
 from radron.sim.scoring.moment import Scene
 from radron.sim.vehicle.px4.fleet import VehicleReport
 from radron.sim.world.sources import Source
+from support.flights import moments
 
 SECOND = 1_000_000_000
 

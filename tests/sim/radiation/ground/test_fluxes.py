@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.natural import air_kerma, natural_flux
-from support.soil import scattered_flux
 
+from common.natural import air_kerma, natural_flux
+from common.soil import scattered_flux
 from radron.sim.radiation.ground.field import LEVELS_M, natural_field, natural_series, point_field
 from radron.sim.radiation.ground.materials import air, energies_kev, ground, kerma_per_fluence
 from radron.sim.radiation.ground.natural import SERIES

@@ -2,10 +2,10 @@
 
 from types import SimpleNamespace
 
-import moments
 import numpy as np
 
 from radron.sim.scoring.invariants.convergence import Converged
+from support.flights import moments
 
 TICK_S = 0.05
 REFUSAL = {"kind": "refusal", "at_s": 9.0, "target": "d3"}

@@ -2,7 +2,6 @@
 
 from types import SimpleNamespace
 
-import moments
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -16,6 +15,7 @@ from radron.sim.scoring.invariants.base import Setting
 from radron.sim.scoring.invariants.beliefs import FollowsSource
 from radron.sim.scoring.invariants.doubts import Mistimed, PlaceBound, WideBerth
 from radron.sim.scoring.moment import EPOCH_NS
+from support.flights import moments
 
 SPEED_MPS, RADIUS_M = 0.8, 7.0
 CLOCK = {"kind": "clock", "at_s": 5.0, "for_s": 20.0, "jump_s": 1.5, "target": "d1"}

@@ -2,7 +2,6 @@
 
 import math
 
-import moments
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -16,6 +15,7 @@ from radron.sim.scoring.invariants.commands import Finite, FreshSetpoint, Queues
 from radron.sim.scoring.invariants.judge import ANY, Judge
 from radron.sim.scoring.invariants.liveness import Landed
 from radron.sim.scoring.invariants.space import Collision, Fence, Heights, Separation
+from support.flights import moments
 
 GUST = {"kind": "gust", "at_s": 20.0, "for_s": 5.0, "target": "d2"}
 

@@ -2,7 +2,6 @@
 
 from math import inf
 
-import moments
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -13,6 +12,7 @@ from radron.protocol.messages import Stage
 from radron.sim.scoring.invariants.base import Setting
 from radron.sim.scoring.invariants.place import Calibrated, KnowsHome, KnowsItsPlace, OwnPlace
 from radron.sim.scoring.invariants.reckoning import Confined, FreshTelemetry, Reckoned
+from support.flights import moments
 
 JUMP = {"kind": "position-jump", "at_s": 5.0, "for_s": 2.0, "target": "d2", "turn_deg": 45.0}
 

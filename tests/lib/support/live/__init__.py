@@ -1,0 +1,1 @@
+"""Real agents as processes: started, watched, and always ended."""

@@ -1,0 +1,1 @@
+"""Mesh sessions, members with certificates, and networks that lose packets."""

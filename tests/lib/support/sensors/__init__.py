@@ -1,0 +1,1 @@
+"""Cameras, their event tables, and servers of sensors' lines."""
