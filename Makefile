@@ -19,7 +19,7 @@ demo: $(SIM)  ## three agents over Zenoh and MAVLink find a source, live, two mi
 test: $(DEV)  ## the tests, without the slow ones
 	$(PYTEST) -n 3 -m "not slow and not long"
 
-test-slow: $(DEV)  ## the slow tests, of more than ten seconds each, without the longest
+test-slow: $(DEV)  ## the slow tests, of more than five seconds each, without the longest
 	$(PYTEST) -n 2 -m "slow and not long"
 
 test-all: $(DEV)  ## all tests

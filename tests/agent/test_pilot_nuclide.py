@@ -34,6 +34,7 @@ def test_a_source_of_another_nuclide_is_reported():
     assert any("Ir-192" in problem and MISSION.nuclide in problem for problem in status.problems)
 
 
+@pytest.mark.slow
 def test_the_missions_own_nuclide_is_no_problem():
     status = last_status("Cs-137", 1e9)
     assert status.recognised is not None

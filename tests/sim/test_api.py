@@ -47,6 +47,7 @@ def test_the_times_are_those_of_the_trace(flight):
     assert times[-1] == pytest.approx(flight.trace.time_s[-1], abs=1.0)
 
 
+@pytest.mark.slow
 def test_mean_and_covariance_are_those_that_the_swarm_flies_by():
     """Both are taken down each second, at the same moments. The covariance is wider only where the modes of motion differ."""
     flight = api.fly(api.load("ideal-static-swarm", {**SHORT, "end.track_s": 20}), seed=4, every_s=1.0)

@@ -21,7 +21,7 @@ from support.flights.recorded_flights import fly_recorded
 TRUE_LAG_S = 1.0 / 4.2  # of the attitude, in the simulation
 
 
-@pytest.fixture(scope="module", params=[0.3, 1.0])
+@pytest.fixture(scope="module", params=[pytest.param(drag_ps, marks=pytest.mark.slow) for drag_ps in (0.3, 1.0)])
 def flight(request, tmp_path_factory):
     """Drag, and a record of the demo with it; the drone file says 0.5."""
     folder = tmp_path_factory.mktemp("flights")

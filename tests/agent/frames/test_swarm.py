@@ -129,6 +129,7 @@ def test_without_support_the_covariance_grows():
     assert sigmas[2] > 1.0
 
 
+@pytest.mark.slow
 def test_the_mean_drift_is_less_than_the_least():
     """Each drone drifts for itself; a drone that sights the others knows its position better than the best of them alone."""
     together, alone = [], []
@@ -165,6 +166,7 @@ def test_satellites_place_a_slam_whose_heading_nobody_knows():
     assert math.sqrt(np.trace(covariance[:2, :2])) < 0.6  # better than its receiver: by the sighted drone with RTK
 
 
+@pytest.mark.slow
 def test_correlated_fixes_do_not_count_as_independent():
     """A receiver that is a metre wrong for a minute stays uncertain by a metre, however often it says so."""
     squared = []

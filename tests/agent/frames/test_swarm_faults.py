@@ -146,6 +146,7 @@ def test_of_two_that_contradict_each_other_both_are_named():
     assert set(frames.suspects()) == {"d1", "d2"}
 
 
+@pytest.mark.slow
 def test_honest_swarms_are_not_suspected():
     for seed in range(6):
         assert at_once(fly(satellites(), 30.0, seed, datum=True)).suspects() == {}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from radron.sim.campaign import table as table_module
 from radron.sim.campaign.table import (
     FIELD,
     SIMULATIONS,
@@ -25,7 +26,14 @@ from radron.sim.campaign.workers import Job, attempt
 from radron.sim.scoring.statistics import summarise
 from support.flights import synthetic
 
+pytestmark = pytest.mark.usefixtures("without_figures")
 STUDIES = pytest.mark.parametrize("study", [SIMULATIONS, FIELD], ids=["simulations", "field"])
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The campaigns behind a table draw no figures (``test_report.py``), which would take most of the time."""
+    monkeypatch.setattr(table_module, "write_campaign", lambda folder, flown: [])
 
 
 def fly(study: Study, folder: Path, pilots: tuple[Pilot, ...] = (Pilot("paper"),), seen: list[Job] | None = None) -> Table:

@@ -3,6 +3,7 @@
 from itertools import combinations
 from math import dist
 
+import pytest
 from msgspec.structs import replace
 
 from radron.agent.mission.stages import STRANDED_S
@@ -20,6 +21,7 @@ FAULTS = (
 )
 
 
+@pytest.mark.slow
 def test_after_a_restart_it_is_kept_clear_of_in_both_places_and_returns() -> None:
     least_m, places, stages = float("inf"), list[int](), list[Stage]()
 

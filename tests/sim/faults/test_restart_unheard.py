@@ -18,6 +18,7 @@ FREEZE_S, END_S = 30.0, 60.0
 PUSHED = pytest.mark.xfail(strict=True, reason="open defect pushed-while-climbing: 2.6 m")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part_s", [22.0, pytest.param(31.0, marks=PUSHED)])  # before, and while none of them runs
 def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart(part_s) -> None:
     faults = (

@@ -38,6 +38,7 @@ def demo():
     return fly(load_scenario("paper-demo"), seed=3, listen=("paper-geometric",))
 
 
+@pytest.mark.slow
 def test_the_demo_finds_the_source_and_comes_home(demo):
     result, trace = demo.result, demo.trace
     assert result.time_to_x0_s is not None
@@ -55,6 +56,7 @@ def test_the_demo_finds_the_source_and_comes_home(demo):
     assert np.hypot(*(trace.position_m[-1, :, :2] - home).T).max() < AT_HOME_M + errors_m
 
 
+@pytest.mark.slow
 def test_stages_come_in_order(demo):
     order = [Stage.TAKEOFF, Stage.SURVEY, Stage.TRACK, Stage.RETURN, Stage.LANDING]
     for drone in range(3):
@@ -63,6 +65,7 @@ def test_stages_come_in_order(demo):
         assert firsts == sorted(firsts)
 
 
+@pytest.mark.slow
 def test_all_drones_hold_the_same_hypothesis(demo):
     """Bit for bit, except while an entry is still on its way. Some 13 entries a second, cones and exposures; 1 % come 0.5 s
     late to each of two others. Hence in about 13 % of the moments a drone lacks an entry. Equal logs are compared in the next
@@ -95,6 +98,7 @@ def test_equal_logs_are_equal_hypotheses(monkeypatch):
     assert all(compared)
 
 
+@pytest.mark.slow
 def test_listeners_hear_the_same_cones(demo):
     listened = demo.listened["paper-geometric"]
     assert listened.cones == demo.result.cones

@@ -17,6 +17,7 @@ def flight():
     return fly(override(load_scenario("hilly"), {"end.track_s": 30.0}), seed=1)
 
 
+@pytest.mark.slow
 def test_the_source_is_found_on_its_slope(flight):
     result = flight.result
     assert not result.lost
@@ -25,6 +26,7 @@ def test_the_source_is_found_on_its_slope(flight):
     assert flight.trace.source_m[-1, 2] > 1.0  # off the mission frame's zero
 
 
+@pytest.mark.slow
 def test_the_swarm_keeps_its_height_above_the_ground(flight):
     trace, terrain = flight.trace, Terrain(load_scenario("hilly").terrain)
     guided = np.isin(trace.stage, GUIDED)
