@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from matplotlib.figure import Figure
 
 import radron.sim.cli
 import radron.sim.commands.flights
@@ -45,7 +46,9 @@ def radron_sim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
-    """Replaces the simulation by made-up flights in this process; the arguments that they were flown with."""
+    """Replaces the simulation by made-up flights in this process; the arguments that they were flown with. Figures are made and
+    saved, but not drawn (``test_report.py`` draws all kinds), which would take most of the time.
+    """
     calls: list[dict[str, Any]] = []
 
     def fly(scenario: Any, seed: int, **options: Any) -> synthetic.Flight:
@@ -65,6 +68,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
     monkeypatch.setattr(radron.sim.lockstep.flight, "fly", fly)
     monkeypatch.setattr(radron.sim.commands.flights, "in_processes", in_line)
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **options: Path(path).touch())
     return calls
 
 
@@ -180,7 +184,6 @@ def test_failed_flights_end_a_campaign_with_code_1_and_are_named(
     assert len((tmp_path / "runs.jsonl").read_text().splitlines()) == 2
 
 
-@pytest.mark.slow
 def test_the_table_flies_paper_by_the_papers_law_and_bayes_as_the_scenario_says(
     tmp_path: Path, radron_sim: Call, flown: list[dict[str, Any]]
 ) -> None:
