@@ -38,9 +38,9 @@ from radron.agent.mission.telling import Telling
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.reckoning import Reckoning
-from radron.agent.sensing.camera import Camera
 from radron.agent.sensing.numbering import Numbering
 from radron.agent.sensing.observer import Observer
+from radron.agent.sensing.own import own_detector
 from radron.agent.sensing.positionsensors import NOT_LOGGED, PositionSensors
 from radron.agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
 from radron.protocol.entries import Coverage, Entry
@@ -97,7 +97,7 @@ class Pilot:
             judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older record.
 
         Raises:
-            ConfigError: the mission does not contain the drone.
+            ConfigError: the mission does not contain the drone, or has it with another kind of detector.
             DetectorError: the camera's calibration cannot be read.
         """
         ids, member = [member.id for member in mission.drones], mission.member(drone.id)
@@ -115,7 +115,7 @@ class Pilot:
         history, self._numbers = self._own.history, Numbering(utc)
         self._observer = Observer(drone, mission, boot, history, self._numbers, self._own.carried, utc)
         self._sensors = PositionSensors(drone.id, others, self._mission_id, boot, history, self._numbers, self.counters, utc)
-        self._camera, self._peers = Camera(mission, drone.calibration, self._observer, self.counters), Peers(others)
+        self._detector, self._peers = own_detector(mission, drone, self._observer, self.counters), Peers(others)
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory, self._clocks)
         self._problems = Problems(drone.id, self._mission_id, mission.safety.battery_reserve)
         verifier = Verifier(trust.authority, trust.revoked, computing.signed_root) if trust is not None else None
@@ -129,7 +129,7 @@ class Pilot:
         self._outbox = Outbox(mission.swarm, self.counters)
         judged_by = self._peers, self._clocks, self._proofs, self._revoking, self._problems, self._outbox.sent
         self._news = News(drone.id, boot, *judged_by)
-        seen = self._problems, self._world, self._own, self._clocks, self._camera, self._peers, self._proofs, self._executive
+        seen = self._problems, self._world, self._own, self._clocks, self._detector, self._peers, self._proofs, self._executive
         self._telling = Telling(
             mission, drone.id, boot, self._outbox, self.counters, self._orders, self._commanding, self._revoking, *seen
         )
@@ -153,10 +153,10 @@ class Pilot:
             self._executive.follow(vehicle)
 
     def observe_detector(self, readout: Readout) -> list[tuple[str, bytes]]:
-        """Take the pixel hits of one interval from the camera. Return the resulting log entries as key and payload, to be
+        """Take the data of one interval from the detector. Return the resulting log entries as key and payload, to be
         published at once.
         """
-        self._record(self._camera.observe(readout), readout.end_ns)
+        self._record(self._detector.observe(readout), readout.end_ns)
         return self._outbox.take()
 
     def observe_fix(self, fix: GnssFix) -> list[tuple[str, bytes]]:

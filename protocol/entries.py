@@ -10,7 +10,7 @@ from itertools import pairwise
 from sys import intern
 from typing import Annotated, NamedTuple
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from radron.protocol.checks import flaw_of_covariance, is_unit
 from radron.protocol.message import DroneMessage
@@ -45,6 +45,7 @@ from radron.protocol.units import (
 
 MAX_READABLE_EXPOSURE_NS = 60_000_000_000  # readable: records of former releases may hold exposures of this length
 MAX_LOGGED_EXPOSURE_NS = 2_000_000_000  # accepted by a log
+MAX_CHANNELS = 128  # of an ordinary detector's spectrum in an exposure: 2 kB with the poses of 2 s
 SIGNATURE_BYTES = 64  # Ed25519
 Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
@@ -178,7 +179,8 @@ class Exposure(Entry, frozen=True, kw_only=True):
     Intervals without photons are published, too, since they show where no source is. An interval lasts at most
     ``MAX_LOGGED_EXPOSURE_NS``; exposures of a drone that overlap are not evaluated. ``live_time_s``: the part of the interval in
     which the camera could register photons. ``spectrum``: the counts by energy. ``carried``: only in later epochs of a drone
-    whose first local frame is exactly known, the transform to that first frame."""
+    whose first local frame is exactly known, the transform to that first frame. ``bins``: only of an ordinary detector, the
+    counts in each channel of its table of response, which the mission names; they add up to ``counts.hits``."""
 
     epoch: Epoch
     end_ns: StampNs
@@ -190,11 +192,14 @@ class Exposure(Entry, frozen=True, kw_only=True):
     clock_sigma_m: PositiveMetres = 0.0  # part of position_sigma_m that the drone's clock error causes by its motion
     spectrum: Spectrum = ()
     carried: CarriedFrame | None = None
+    bins: Annotated[tuple[Count, ...], Meta(max_length=MAX_CHANNELS)] | UnsetType = UNSET
 
     def flaw(self) -> str | None:
         """Return an error text if interval, live time, poses, spectrum and covariance contradict each other; else None."""
         if not is_in_order(self.spectrum):
             return "the bins of its spectrum are not in order of energy"
+        if self.bins is not UNSET and sum(self.bins) != self.counts.hits:
+            return "the counts in its channels do not add up to its counts"
         duration_ns = self.end_ns - self.stamp_ns
         if duration_ns <= 0:
             return "it ends before it begins"

@@ -7,3 +7,4 @@ one is read. State: older versions are read, newer ones refused. Readouts of a d
 PROTOCOL = 2  # 1 was never released
 STATE = 1  # kept over a restart; raised when an older release would misread it
 READOUT = 1
+READOUT_WITH_COUNTS = 2  # the same, of an ordinary detector: its counts follow

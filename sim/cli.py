@@ -12,6 +12,7 @@ from radron.sim.commands.consistency import consistency
 from radron.sim.commands.faults import faults
 from radron.sim.commands.flights import campaign, run, scenarios, table
 from radron.sim.commands.ground import ground
+from radron.sim.commands.response import response
 from radron.sim.live.command import live
 from radron.sim.live.faults.command import live_faults
 from radron.sim.px4test.command import px4_test
@@ -34,6 +35,7 @@ app.command()(faults)
 app.command()(live_faults)
 app.command()(hits)
 app.command()(ground)
+app.command()(response)
 
 
 def main() -> None:

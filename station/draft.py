@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from radron.agent.config.launchplaces import check_launch_places
-from radron.agent.config.loading import convert
+from radron.agent.config.loading import convert, without_files
 from radron.agent.config.mission import MissionConfig
 from radron.agent.config.writing import as_toml
 from radron.agent.errors import ConfigError, RadronError
@@ -77,8 +77,7 @@ def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw,
 
     There is at most one flaw for each field.
     """
-    grid_data = mission.ground.grid_data  # megabytes, not to be converted for each key
-    content: dict[str, Any] = msgspec.to_builtins(replace(mission, ground=replace(mission.ground, grid_data=None)))
+    content: dict[str, Any] = msgspec.to_builtins(without_files(mission))  # without megabytes to be converted for each key
     changes: dict[str, object] = {AREA: draft.area, LAUNCHES: _launched(content[LAUNCHES], draft.launches), **draft.values}
     flaws = [flaw for key, value in changes.items() if (flaw := _flaw_of(content, key, value)) is not None]
     if flaws:
@@ -87,7 +86,8 @@ def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw,
         content = _with(content, key, value)
     try:
         changed = convert(content, MissionConfig, _WHERE)
-        changed = replace(changed, ground=replace(changed.ground, grid_data=grid_data))
+        ground = replace(changed.ground, grid_data=mission.ground.grid_data)
+        changed = replace(changed, ground=ground, responses=mission.responses)
         changed.check(_WHERE)
         check_launch_places(changed, _WHERE)
         SwarmLog(changed, None)  # the checks of the estimator and of the ground
@@ -100,12 +100,13 @@ def drafted(mission: MissionConfig, draft: Draft) -> MissionConfig | tuple[Flaw,
 def told(result: MissionConfig | tuple[Flaw, ...], number: int) -> Checked:
     """Return the answer to an operator's changes of a mission: the flaws, or the new mission with its id, fence and file.
 
-    A grid of ground elevations stays in its own file beside the mission file. ``number``: number of the changes.
+    A grid of ground elevations and tables of response stay in their own files beside the mission file. ``number``: number of the
+    changes.
     """
     if isinstance(result, tuple):
         return Checked(number=number, flaws=result)
     fence = corners(Polygon(result.area.polygon_m).buffer(result.area.fence_margin_m))
-    file = as_toml(replace(result, ground=replace(result.ground, grid_data=None)))
+    file = as_toml(without_files(result))
     return Checked(number=number, id=result.mission_id, fence=fence, file=file)
 
 

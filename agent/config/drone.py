@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from radron.agent.config.section import Degrees, NonNegative, Section
+from radron.agent.config.section import Coordinate, Degrees, DetectorKind, NonNegative, Section
 from radron.protocol.units import DroneId, Identifier
 
 PARAMETER = "^[A-Z][A-Z0-9_]{0,15}$"  # of PX4
@@ -91,18 +91,28 @@ class SightingsConfig(Section, frozen=True, kw_only=True):
 
 
 class DetectorConfig(Section, frozen=True, kw_only=True):
-    """The device or file from which the agent gets the pixel hits of the Compton camera.
+    """The device or file from which the agent gets the data of its detector: pixel hits of the Compton camera, or counts.
+
+    ``kind``: of the detector, as the mission has it for this drone: the Compton camera ``minipix``, or an ordinary detector
+    (``spectrum``, ``counts``).
 
     ``driver``: ``feed``: the simulation's TCP feed at ``address`` ("host:port"); ``t3pa``: playback of the recording ``file`` in
     real time; ``pypixet``: the camera itself, by the vendor's module, with its files in ``pixet_folder``; any other: of an
     installed package. ``bias_v``: bias voltage (V).
+
+    Of an ordinary detector: ``energy_kev``: coefficients a, b, c, ... of the energy in keV at the lower edge of its channel n,
+    a + b n + c n^2 + ...; none: its channels are the channels of its table of response. ``dead_time_us``: dead time after each
+    count, not extended by further counts; none: the device states its live time.
     """
 
+    kind: DetectorKind = "minipix"
     driver: Identifier = "none"  # none, feed, t3pa, pypixet, or of an installed package
     address: str | None = None
     file: str | None = None
     pixet_folder: str | None = None
     bias_v: Annotated[float, Meta(ge=-1000.0, le=1000.0)] | None = None  # none: that of the camera's own configuration
+    energy_kev: Annotated[tuple[Coordinate, ...], Meta(min_length=2, max_length=6)] | None = None
+    dead_time_us: Annotated[float, Meta(ge=0.0, le=10_000.0)] | None = None
 
 
 class RecorderConfig(Section, frozen=True, kw_only=True):

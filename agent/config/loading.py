@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from radron.agent.config.buildings import read_buildings
 from radron.agent.config.drone import PARAMETER
 from radron.agent.config.mission import MAX_GRID_BYTES, MissionConfig
+from radron.agent.config.responses import check_tables, read_responses
 from radron.agent.errors import ConfigError
 from radron.agent.inputs import read_bytes, read_text
 from radron.protocol.units import STATION
@@ -82,15 +83,18 @@ def read_content(content: bytes, mission_id: str) -> MissionConfig:
     if mission.mission_id != mission_id:
         raise ConfigError(f"{where}: is read as {mission.mission_id} here; give all the same version of radron")
     mission.check(where)
+    check_tables(mission, where)
     return mission
 
 
 def with_files(mission: MissionConfig, folder: Path) -> MissionConfig:
-    """Return the mission together with the content of its elevation grid and its buildings, read from files in ``folder``.
+    """Return the mission together with its elevation grid, buildings and tables of response, read from files in ``folder``.
 
-    Raises ConfigError as ``with_ground_grid`` and ``read_buildings`` do.
+    Raises ConfigError as ``with_ground_grid``, ``read_responses`` and ``read_buildings`` do.
     """
     mission = with_ground_grid(mission, folder)
+    mission = replace(mission, responses=read_responses(mission, folder))
+    check_tables(mission, str(folder))
     buildings, datum = mission.buildings, mission.datum
     if buildings.file is None:
         return mission
@@ -98,6 +102,11 @@ def with_files(mission: MissionConfig, folder: Path) -> MissionConfig:
     known = read_buildings(folder / buildings.file, buildings, place)
     known.check(f"buildings.file: {buildings.file}")
     return replace(mission, buildings=known)
+
+
+def without_files(mission: MissionConfig) -> MissionConfig:
+    """Return the mission as its file has it: without the content of its elevation grid and its tables of response."""
+    return replace(mission, ground=replace(mission.ground, grid_data=None), responses=())
 
 
 def with_ground_grid(mission: MissionConfig, folder: Path) -> MissionConfig:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from math import dist
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 from msgspec import Meta
@@ -17,7 +17,18 @@ from shapely.validation import explain_validity
 from radron.agent.config.buildings import BuildingsConfig
 from radron.agent.config.estimators import FusionConfig
 from radron.agent.config.frames import FramesConfig
-from radron.agent.config.section import Activity, Coordinate, Degrees, FileName, NonNegative, Positive, Section, content_of
+from radron.agent.config.responses import ResponseContent, ResponseTable, check_detectors
+from radron.agent.config.section import (
+    Activity,
+    Coordinate,
+    Degrees,
+    DetectorKind,
+    FileName,
+    NonNegative,
+    Positive,
+    Section,
+    content_of,
+)
 from radron.agent.config.sizes import check_names, check_sizes
 from radron.agent.errors import ConfigError
 from radron.protocol.units import DroneId, Identifier, Latitude, Longitude, Nuclide
@@ -165,7 +176,13 @@ class DroneInMission(Section, frozen=True, kw_only=True):
     ``localization``: ``exact``: the given origin and heading hold for the whole flight. Otherwise it names the vehicle's kind of
     localisation, and origin and heading of the frame are estimated in flight, starting with the errors ``origin_sigma_m`` (1
     sigma of each axis) and ``yaw_sigma_deg`` (1 sigma; 180: unknown heading).
+
+    ``detector``: kind of its detector: the Compton camera ``minipix``, or an ordinary detector that gives a ``spectrum`` or
+    ``counts`` alone. ``response``: only of an ordinary detector, its table of response: a shipped one by its name, or a file in
+    the mission file's folder. The table belongs to the mission, also to its id.
     """
+
+    later: ClassVar[frozenset[str]] = frozenset({"detector", "response"})
 
     id: DroneId
     origin_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
@@ -173,6 +190,8 @@ class DroneInMission(Section, frozen=True, kw_only=True):
     localization: Literal["exact", "gnss", "rtk", "slam"] = "exact"
     origin_sigma_m: NonNegative = 1.0
     yaw_sigma_deg: Annotated[float, Meta(ge=0.0, le=180.0)] = 5.0
+    detector: DetectorKind = "minipix"
+    response: FileName | None = None
 
     @property
     def is_exact(self) -> bool:
@@ -235,7 +254,10 @@ class MissionConfig(Section, frozen=True, kw_only=True):
     fusion: FusionConfig = FusionConfig()
     track: TrackConfig = TrackConfig()
     safety: SafetyConfig = SafetyConfig()
-    later = frozenset({"buildings", "source_height_m"})
+    responses: Annotated[
+        tuple[ResponseContent, ...], Meta(max_length=64)
+    ] = ()  # tables of response of ordinary detectors, filled on load
+    later = frozenset({"buildings", "source_height_m", "responses"})
 
     def __post_init__(self) -> None:
         if not self.nuclide:
@@ -271,6 +293,22 @@ class MissionConfig(Section, frozen=True, kw_only=True):
             raise ConfigError(f"drone {drone!r} is not in the mission; its drones are {', '.join(found)}")
         return found[drone]
 
+    def response(self, drone: str) -> ResponseContent | None:
+        """Return name and content of the table of response of a drone's ordinary detector; None for a Compton camera.
+
+        Raises ConfigError if the mission has no such drone, or not its table: the files of a mission file are read on load.
+        """
+        name = self.member(drone).response
+        found = next((one for one in self.responses if one.name == name), None)
+        if name is not None and found is None:
+            raise ConfigError(f"drones: {drone}: the table of response {name!r} was not read")
+        return found
+
+    def table(self, drone: str) -> ResponseTable | None:
+        """Return the table of response of a drone's ordinary detector; None for a Compton camera. Raises as ``response``."""
+        found = self.response(drone)
+        return None if found is None else found.table
+
     def check(self, where: str) -> None:
         """Raise ConfigError if values of the mission contradict each other, or exceed limits; ``where`` (the file's name) begins
         the text.
@@ -294,6 +332,7 @@ class MissionConfig(Section, frozen=True, kw_only=True):
                 f"that makes more than {MOST_LANES} lanes; search a smaller area, or use wider lanes"
             )
         self.buildings.check(where)
+        check_detectors(self, where)
         check_names(self, where)
         check_sizes(self, where)
         ids = [drone.id for drone in self.drones]

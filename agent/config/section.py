@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import NODEFAULT, Meta, Struct
 from msgspec.structs import FieldInfo, fields
@@ -13,6 +13,7 @@ Activity = Annotated[float, Meta(gt=0.0, le=1e15)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
 FileName = Annotated[str, Meta(pattern=r"\A[^\x00-\x1f\x7f]+\Z")]  # no control characters: errors name it in one line
+DetectorKind = Literal["minipix", "spectrum", "counts"]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 
 

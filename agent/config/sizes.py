@@ -49,6 +49,7 @@ def check_names(mission: MissionConfig, where: str) -> None:
     """Raise ConfigError for a mission name that is not one line of text, and for a file outside the mission file's folder."""
     if len(mission.name) > MAX_NAME or not mission.name.isprintable():
         raise ConfigError(f"{where}: name: give one line of at most {MAX_NAME} letters: reports, maps and terminals show it")
-    for key, name in (("ground.grid", mission.ground.grid), ("buildings.file", mission.buildings.file)):
+    responses = [(f"drones: {drone.id}: response", drone.response) for drone in mission.drones]
+    for key, name in (("ground.grid", mission.ground.grid), ("buildings.file", mission.buildings.file), *responses):
         if name is not None and (Path(name).name != name or name == ".."):
             raise ConfigError(f"{where}: {key} = {name!r}: give the bare name of a file in the mission file's folder")

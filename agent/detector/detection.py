@@ -32,7 +32,10 @@ class ConeEvent(Struct, frozen=True):
 
 
 class Detections(Struct, frozen=True):
-    """Counts and cones of one camera in the interval [start_ns, end_ns); the intervals of one detector are contiguous."""
+    """Counts and cones of one camera in the interval [start_ns, end_ns); the intervals of one detector are contiguous.
+
+    ``bins``: only of an ordinary detector, the counts in each channel of its table of response; their sum is ``hits``.
+    """
 
     start_ns: int
     end_ns: int
@@ -42,3 +45,4 @@ class Detections(Struct, frozen=True):
     coincidences: int = 0  # two clusters within the window
     cones: tuple[ConeEvent, ...] = ()
     spectrum: tuple[SpectrumBin, ...] = ()
+    bins: tuple[int, ...] | None = None

@@ -58,6 +58,7 @@ class Readout(Struct, frozen=True):
 
     ``clock_ns`` is the time of tick 0. ``live_time_s`` excludes dead time. ``lost_hits`` counts hits that the detector
     reported as lost (overflow), ``repaired_hits`` hits that its reader moved to the neighbouring period of the chip's counter.
+    ``counts``: only of an ordinary detector, which has no pixels: (R,) int64, its counts in each of its own channels.
     """
 
     start_ns: int
@@ -67,6 +68,7 @@ class Readout(Struct, frozen=True):
     hits: PixelHits
     lost_hits: int = 0
     repaired_hits: int = 0
+    counts: NDArray[np.int64] | None = None
 
     def moved(self, by_ns: int) -> Readout:
         """Return the same readout with all times later by ``by_ns``."""

@@ -24,6 +24,8 @@ class Background:
 
     def take(self, readout: Readout) -> Finding:
         """Return the preflight finding on the camera after one more readout (pixel hits of one interval)."""
+        if readout.counts is not None:
+            return self._counted(readout.live_time_s, int(readout.counts.sum()))
         found = self._chain.process(self._repeats.without(readout))
         if self._repeats.problems:
             return Finding("camera", "failed", f"{self._repeats.problems[0].removeprefix('camera: ')}: restart it")
@@ -40,3 +42,16 @@ class Background:
         if self._chain.noise.pixels > MOST_NOISY:
             return Finding("camera", "failed", f"{rate}, {noisy}: warm it up, equalise its thresholds, or replace it")
         return Finding("camera", "ok", f"sees background: {rate} in {self._live_s:.0f} s, {noisy}")
+
+    def _counted(self, live_time_s: float, counts: int) -> Finding:
+        """The finding on an ordinary detector."""
+        self._live_s += live_time_s
+        self._events += counts
+        if self._live_s < MEASURE_S:
+            return Finding("camera", "not yet", f"answers; counting the background, {self._live_s:.0f} of {MEASURE_S:.0f} s")
+        if self._events == 0:
+            seen = f"answers, but has counted nothing in {self._live_s:.0f} s, not even background"
+            return Finding("camera", "failed", f"{seen}: check the detector's high voltage and cable")
+        return Finding(
+            "camera", "ok", f"sees background: {self._events / self._live_s:.1f} counts a second in {self._live_s:.0f} s"
+        )

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import MissionConfig
+from radron.agent.detector.channels import Channels
 from radron.agent.detector.drivers import open_detector
 from radron.agent.detector.files.calibration import PIXELS, load_flight_calibration
 from radron.agent.detector.readout import Detector
@@ -219,11 +220,16 @@ class Preflight:
                 self._camera = Finding("camera", "ok", text) if missing is None else Finding("camera", "failed", missing)
                 return
             watching = asyncio.create_task(self._watch_camera(detector))
+            table = self._mission.table(self._drone.id)
+            channels = None if table is None else Channels(self._drone.detector, table)
             async for readout in detector.readouts():
+                if channels is not None:
+                    channels.detections(readout)
                 if self._background is not None:
                     self._camera = self._background.take(readout)
                 else:
-                    self._camera = Finding("camera", "ok", f"{len(readout.hits)} pixel hits in {readout.live_time_s:.1f} s")
+                    seen = f"{len(readout.hits)} pixel hits" if readout.counts is None else f"{readout.counts.sum()} counts"
+                    self._camera = Finding("camera", "ok", f"{seen} in {readout.live_time_s:.1f} s")
             watching.cancel()
         except RadronError as error:
             self._camera = Finding("camera", "failed", str(error))
@@ -294,6 +300,9 @@ class Preflight:
 
     def _calibration(self) -> Finding:
         folder = self._drone.calibration
+        response = self._mission.response(self._drone.id)
+        if response is not None:
+            return Finding("calibration", "ok", f"table of response {response.name}, digest {response.digest}")
         if folder is None:
             return Finding("calibration", "ok", "that of the nominal camera: no folder configured")
         try:

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from math import ceil
 
+from msgspec import UNSET
 from scipy.spatial.transform import Rotation
 
 from radron.agent.config.drone import DroneConfig
@@ -38,6 +39,7 @@ MOST_POSES = 16  # of an exposure, or fewer a second: 70 bytes each of the 2 kB 
 # once in 1200 even at half that background. (Gaps of length T at rate r begin r exp(-r T) times a second.)
 MUTE_S = 10.0  # counts carry no information on the source any more: zeros more likely mean a dead camera
 SILENT_S = 20.0  # reported to the operator
+COUNTER_FACTOR = 10.0  # both times of a counting tube, whose background makes 0.3 counts a second: it is then mute once a year
 # Cones published of a stretch, for each second of it. A landed drone half a metre from 10 GBq measures 10,000; more directions
 # from one place carry no new information. In flight there are about 30 a second. The exposure counts them all.
 MOST_CONES_PS = 100
@@ -79,6 +81,9 @@ class Observer:
         self._body_from_camera: Quaternion = (w, x, y, z)
         self._waiting: deque[Detections] = deque()  # for the telemetry of their time
         self.dropped = self.withheld = 0
+        kind = mission.member(drone.id).detector
+        self._subject = "camera" if kind == "minipix" else "detector"
+        self._patience = COUNTER_FACTOR if kind == "counts" else 1.0  # times MUTE_S and SILENT_S
         self._silent_s = 0.0  # live time since the last hit
         self._start_ns: int | None = None
         self._epoch = 0
@@ -90,6 +95,7 @@ class Observer:
         self._live_s = 0.0
         self._hits = self._photopeak = self._coincidences = 0
         self._spectrum = CoarseSpectrum()
+        self._bins: tuple[int, ...] | None = None
 
     def coverage(self, stamp_ns: int, epoch: int, path_m: tuple[tuple[float, float], ...], swath_m: float) -> Coverage:
         """Return the log entry of a searched path (m, horizontal), in the local frame of the epoch (period without a jump).
@@ -135,9 +141,11 @@ class Observer:
     @property
     def problems(self) -> tuple[str, ...]:
         """Problems of the camera: a line if it has not seen a hit for long, else empty."""
-        if self._silent_s < SILENT_S:
+        if self._silent_s < self._patience * SILENT_S:
             return ()
-        return (f"camera: no hit for {SILENT_S:g} s or more, not even background; its counts are not used",)
+        return (
+            f"{self._subject}: no hit for {self._patience * SILENT_S:g} s or more, not even background; its counts are not used",
+        )
 
     def observe(self, detections: Detections) -> list[Entry]:
         """Return the log entries of a time interval of detections, and of earlier intervals that have waited for their telemetry.
@@ -151,7 +159,7 @@ class Observer:
         start_ns, end_ns = detections.start_ns, detections.end_ns
         self._heard_ns, self._unused_ns = end_ns, 0
         self._silent_s = 0.0 if detections.hits else self._silent_s + detections.live_time_s
-        if self._silent_s >= MUTE_S:
+        if self._silent_s >= self._patience * MUTE_S:
             self._live_s = 0.0  # the counts held so far carry no information either
             self._waiting.clear()
             return self._unused(end_ns)
@@ -197,6 +205,9 @@ class Observer:
         self._photopeak += detections.photopeak
         self._coincidences += detections.coincidences
         self._spectrum.add_bins(detections.spectrum)
+        if detections.bins is not None:
+            held = self._bins or (0,) * len(detections.bins)
+            self._bins = tuple(one + other for one, other in zip(held, detections.bins, strict=True))
         if self._end_ns - self._start_ns >= EXPOSURE_NS:
             entries += self._exposure()
         return entries
@@ -259,11 +270,11 @@ class Observer:
         """Hold no counts."""
         self._start_ns, self._live_s = None, 0.0
         self._hits = self._photopeak = self._coincidences = 0
-        self._spectrum = CoarseSpectrum()
+        self._spectrum, self._bins = CoarseSpectrum(), None
 
     def _exposure(self) -> list[Entry]:
         start_ns, live_s, spectrum = self._start_ns, self._live_s, self._spectrum.bins()
-        counts = Counts(self._hits, self._photopeak, self._coincidences)
+        counts, bins = Counts(self._hits, self._photopeak, self._coincidences), self._bins
         self._empty()
         assert start_ns is not None
         state = self._history.at(start_ns)
@@ -298,6 +309,7 @@ class Observer:
                 clock_sigma_m=state.clock_sigma_m,
                 spectrum=spectrum,
                 carried=self._carried(state.epoch),
+                bins=UNSET if bins is None else bins,
             )
         ]
 

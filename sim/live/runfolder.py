@@ -21,7 +21,9 @@ from radron.agent.config.drone import (
     VehicleConfig,
     VisionConfig,
 )
+from radron.agent.config.loading import without_files
 from radron.agent.config.mission import MissionConfig
+from radron.agent.config.responses import shipped_tables
 from radron.agent.config.writing import as_toml
 from radron.protocol.identity import Role
 from radron.protocol.issuing import throwaway
@@ -86,11 +88,14 @@ class RunFolder:
         throwaway({**members, **stations}, time.time_ns())
 
     def write_mission(self, mission: MissionConfig) -> None:
-        """Write the mission file and its elevation grid; the mission's id is unchanged."""
+        """Write the mission file, its elevation grid and its tables of response; the mission's id is unchanged."""
         ground = mission.ground
         if ground.grid is not None and ground.grid_data is not None:
             (self.mission_file.parent / ground.grid).write_bytes(ground.grid_data)
-        write_text(self.mission_file, as_toml(replace(mission, ground=replace(ground, grid_data=None))))
+        for response in mission.responses:
+            if response.name not in shipped_tables():
+                (self.mission_file.parent / response.name).write_bytes(response.content)
+        write_text(self.mission_file, as_toml(without_files(mission)))
 
     def write_drone(self, drone: DroneConfig) -> None:
         """Write a drone's configuration file into its folder."""

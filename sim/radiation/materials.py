@@ -68,12 +68,12 @@ def _klein_nishina_total(energy_kev: float) -> float:
     return float(2.0 * np.pi * (first + log / (2.0 * k) - (1.0 + 3.0 * k) / (1.0 + 2.0 * k) ** 2))
 
 
-def _cross_sections(element: int, energy_kev: float) -> tuple[float, float, float]:
-    """Photoelectric, incoherent, coherent mass attenuation in cm2/g."""
+def mass_cross_sections(element: int, energy_kev: float) -> tuple[float, float, float]:
+    """Return photoelectric, incoherent and coherent mass attenuation of an element, cm2/g."""
     if energy_kev <= XRAYLIB_LIMIT_KEV:
         return xraylib.CS_Photo(element, energy_kev), xraylib.CS_Compt(element, energy_kev), xraylib.CS_Rayl(element, energy_kev)
     top, low = XRAYLIB_LIMIT_KEV, CONTINUED_FROM_KEV
-    photo, incoherent, coherent = _cross_sections(element, top)
+    photo, incoherent, coherent = mass_cross_sections(element, top)
     slope = np.log(photo / xraylib.CS_Photo(element, low)) / np.log(top / low)
     return (
         float(photo * (energy_kev / top) ** slope),
@@ -84,7 +84,7 @@ def _cross_sections(element: int, energy_kev: float) -> tuple[float, float, floa
 
 def air_attenuation_per_m(energy_kev: float) -> float:
     """Return the linear attenuation coefficient of dry air at 20 C and 1 atm for gamma rays, per metre."""
-    return 100.0 * AIR_DENSITY_GCM3 * sum(share * sum(_cross_sections(element, energy_kev)) for element, share in AIR)
+    return 100.0 * AIR_DENSITY_GCM3 * sum(share * sum(mass_cross_sections(element, energy_kev)) for element, share in AIR)
 
 
 def _momentum_quantiles(element: int, shell: int, count: int) -> FloatArray:
@@ -123,7 +123,7 @@ def cdte(grid: int = 1500, quantiles: int = 256) -> CdTe:
     weights = np.array([xraylib.AtomicWeight(element) for element in ELEMENTS])
     weights /= weights.sum()
     # (process, element, energy) partial mass attenuation
-    parts = np.array([[_cross_sections(z, float(np.exp(e))) for e in log_energy] for z in ELEMENTS]).transpose(2, 0, 1)
+    parts = np.array([[mass_cross_sections(z, float(np.exp(e))) for e in log_energy] for z in ELEMENTS]).transpose(2, 0, 1)
     parts *= weights[None, :, None]
     by_process = parts.sum(axis=1)
     total = by_process.sum(axis=0)

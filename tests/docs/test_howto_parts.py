@@ -2,6 +2,8 @@
 
 import asyncio
 import importlib.util
+import os
+import pty
 import sys
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from radron.agent.config.drone import DroneConfig
 from radron.agent.config.estimators import FusionConfig, GivenHypothesisConfig
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, TrackConfig
 from radron.agent.detector.drivers.feed import FeedDetector
+from radron.agent.detector.wire import Unpacker, pack
 from radron.agent.pilot import Pilot
 from radron.agent.sensing.sighting_feed import SightingsFeed
 from radron.protocol.codec import encode
@@ -50,6 +53,33 @@ def test_the_camera_of_the_page_is_read_by_the_agent(tmp_path):
     assert readout.hits.index.tolist() == [25650, 25651]
     assert readout.live_time_s == pytest.approx((readout.end_ns - readout.start_ns) * 1e-9)
     assert client.counters["readouts"] == 1
+
+
+def test_spectra_of_a_serial_line_are_read_by_the_agent(tmp_path):
+    """A pseudo terminal in the place of the device; bad lines in between."""
+    program = module_of("detector", "serial_spectrum", tmp_path)
+    controller, terminal = pty.openpty()
+    device = program.SerialSpectra(os.ttyname(terminal))
+    try:
+        counts = list(range(program.CHANNELS))
+        good = b"0.9 " + ",".join(map(str, counts)).encode() + b"\r\n"
+        received = []
+        for line in (b"hello\n", b"0.9 1 2 3\n", b"nan " + good[4:], b"\xff\n", good):
+            for start in range(0, len(line), 1000):  # a terminal's buffer holds 4 kB
+                os.write(controller, line[start : start + 1000])
+                received += device.readouts()
+        while not received:
+            received += device.readouts()
+    finally:
+        device.close()
+        os.close(controller)
+        os.close(terminal)
+    (readout,) = received
+    assert device.bad_lines == 4
+    assert readout.counts.tolist() == counts
+    assert readout.live_time_s <= 0.9
+    (again,) = Unpacker().feed(pack(readout))
+    assert again.counts.tolist() == counts
 
 
 def test_the_ranges_of_the_page_are_read_by_the_agent(tmp_path):

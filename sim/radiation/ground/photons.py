@@ -52,8 +52,8 @@ class Setting(NamedTuple):
 
 
 @jit
-def _compton(energy_kev: float, rng: np.random.Generator) -> tuple[float, float]:
-    """Energy and cosine of the angle after scattering off a free electron: by rejection from a mixture, after Kahn."""
+def scatter_free(energy_kev: float, rng: np.random.Generator) -> tuple[float, float]:
+    """Draw energy (keV) and cosine of the angle after scattering off a free electron: by rejection from a mixture, after Kahn."""
     k = energy_kev / ELECTRON_MASS_KEV
     least = 1.0 / (1.0 + 2.0 * k)
     share = math.log(1.0 / least) / (math.log(1.0 / least) + 0.5 * (1.0 - least * least))
@@ -166,7 +166,7 @@ def follow(setting: Setting, histories: int, rng: np.random.Generator) -> FloatA
         energy = _start(setting, photon, rng)
         is_counted = setting.depth_m > 0.0
         while energy > MIN_KEV and rng.random() < _fly(setting, tally, photon, energy, is_counted, rng):
-            energy, cosine = _compton(energy, rng)
+            energy, cosine = scatter_free(energy, rng)
             _turn(photon, cosine, 2.0 * math.pi * rng.random())
             is_counted = True
     return tally / histories

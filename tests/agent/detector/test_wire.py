@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from radron.agent.detector.readout import PixelHits, Readout
 from radron.agent.detector.wire import MAXIMUM_HITS, Unpacker, pack
@@ -89,3 +90,25 @@ def test_an_impossible_live_time_is_refused(live_s):
     hits = PixelHits(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16))
     with pytest.raises(DetectorError, match="live for"):
         list(Unpacker().feed(pack(Readout(0, 10**9, 0, live_s, hits))))
+
+
+@given(st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=40), st.integers(1, 70))
+def test_readouts_of_ordinary_detectors(counts, cut):
+    sent = Readout(5, 10**9, 5, 0.5, PixelHits.none(), counts=np.array(counts))
+    stream = pack(sent) + pack(replace(sent, counts=None))
+    unpacker = Unpacker()
+    one, camera = [readout for at in range(0, len(stream), cut) for readout in unpacker.feed(stream[at : at + cut])]
+    assert same(one, sent)
+    assert one.counts.tolist() == counts
+    assert camera.counts is None
+
+
+def test_readouts_with_too_many_channels_or_with_hits_and_counts_are_refused():
+    hits = PixelHits(np.array([1]), np.array([1], np.uint16), np.array([1], np.uint16))
+    sent = Readout(5, 10**9, 5, 0.5, PixelHits.none(), counts=np.array([1]))
+    for wrong in (replace(sent, hits=hits), replace(sent, counts=np.ones(16_385, int)), replace(sent, counts=np.ones(0, int))):
+        with pytest.raises(DetectorError, match="channels"):
+            pack(wrong)
+    frame = pack(sent)
+    with pytest.raises(DetectorError, match="not a readout"):
+        list(Unpacker().feed(struct.pack("<I", len(frame) - 4 + 1) + frame[4:] + b"\0"))
