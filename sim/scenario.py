@@ -14,13 +14,15 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 from shapely import Polygon
 
-from radron.agent.config.drone import ResponseConfig
+from radron.agent.config.drone import DetectorConfig, DroneConfig, ResponseConfig, VehicleConfig
 from radron.agent.config.loading import convert, merged, read_toml, with_files
 from radron.agent.config.mission import MissionConfig
 from radron.agent.errors import ConfigError
 from radron.agent.fusion.registry import check_estimator
 from radron.sim.faults.kinds import AnyFault, check_faults, read_faults
 from radron.sim.radiation.camera import CameraTruth
+from radron.sim.radiation.crystal.detectors import DETECTORS
+from radron.sim.radiation.crystal.emulated import DEVICE_STEP_KEV, OrdinaryTruth
 from radron.sim.radiation.nuclides import NUCLIDES
 from radron.sim.radiation.truth import GroundTruth
 from radron.sim.vehicle.multirotor import MultirotorTruth
@@ -82,6 +84,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
     cameras: dict[str, OwnCamera] = {}  # by drone: cameras that differ
+    ordinary: dict[str, OrdinaryTruth] = {}  # by drone: ordinary detectors in the place of cameras
     ground: GroundTruth | None = None  # None: no ground that scatters or emits photons, as in the paper's data
     vehicle: MultirotorTruth = MultirotorTruth()
     localization: LocalizationTruth = LocalizationTruth()
@@ -100,6 +103,18 @@ class Scenario(_Section, frozen=True, kw_only=True):
         """
         given = self.mission.fusion.estimator == "given"
         return not given or self.source is not None or bool(self.sources) or self.random_sources is not None
+
+    def drone_file(self, drone: str) -> DroneConfig:
+        """Return a drone's file in a flight in one process, without links."""
+        return DroneConfig(id=drone, vehicle=VehicleConfig(response=self.response), detector=self.detector_file(drone))
+
+    def detector_file(self, drone: str, address: str | None = None) -> DetectorConfig:
+        """Return the section ``[detector]`` of a drone's file: its kind, and its feed at ``address``; None: no feed."""
+        detector = DetectorConfig() if address is None else DetectorConfig(driver="feed", address=address)
+        truth = self.ordinary.get(drone)
+        if truth is None:
+            return detector
+        return replace(detector, kind=DETECTORS[truth.detector].kind, energy_kev=(0.0, DEVICE_STEP_KEV))
 
     def check(self, where: str) -> None:
         """Raise ConfigError if values contradict each other. ``where``: name of the file, for the error."""
@@ -125,8 +140,19 @@ class Scenario(_Section, frozen=True, kw_only=True):
         for name in self.cameras:
             if name not in drones:
                 raise ConfigError(f"{where}: cameras.{name}: no such drone; there are {', '.join(drones)}")
+        self._check_ordinary(where)
         check_faults(self.fault, drones, where)
         self.start.check(self.mission, where)
+
+    def _check_ordinary(self, where: str) -> None:
+        for name, truth in self.ordinary.items():
+            truth.check(f"{where}: ordinary.{name}")
+        wanted = {drone.id: drone.detector for drone in self.mission.drones if drone.detector != "minipix"}
+        found = {name: DETECTORS[truth.detector].kind for name, truth in self.ordinary.items()}
+        if found != wanted:
+            raise ConfigError(f"{where}: ordinary: the mission has {wanted or 'no ordinary detectors'}, but these are {found}")
+        if wanted and self.ground is None:
+            raise ConfigError(f"{where}: ordinary: ordinary detectors are simulated over a ground only; give the section ground")
 
     def _check_localization(self, where: str) -> None:
         truth = self.localization

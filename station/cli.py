@@ -14,6 +14,7 @@ import typer
 from radron.agent import version
 from radron.agent.extras import lacking
 from radron.agent.terminal import run_command
+from radron.station.survey.command import survey
 
 if TYPE_CHECKING:
     from starlette.routing import WebSocketRoute
@@ -173,6 +174,9 @@ def report(
         print(f"radron-station: incomplete: {flaw}", file=sys.stderr)
     print(f"written to {out}: {', '.join(path.name for path in written)}")
     print(f"signed by {own.own.name} ({own.own.role})" if own is not None else "not signed: --identity FOLDER signs it")
+
+
+app.command()(survey)
 
 
 @app.command()

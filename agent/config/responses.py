@@ -145,10 +145,15 @@ def shipped_tables() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _FOLDER.glob("*.json")))
 
 
+def shipped_content(name: str) -> bytes:
+    """Return the content of the shipped table of this name."""
+    return (_FOLDER / f"{name}.json").read_bytes()
+
+
 def _content(name: str, folder: Path) -> bytes:
     """The content of a shipped table by its name, or of a file in ``folder``."""
     if name in shipped_tables():
-        return (_FOLDER / f"{name}.json").read_bytes()
+        return shipped_content(name)
     where = f"table of response {name!r}"
     if not (folder / name).exists():
         raise ConfigError(f"{where}: neither a file in {folder} nor shipped ({', '.join(shipped_tables())})")

@@ -5,7 +5,7 @@ The fault is in the readout, as the camera delivers it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from msgspec.structs import replace
@@ -24,8 +24,8 @@ _MARGIN = 1.5  # noise is drawn for this multiple of the readout's capacity
 class CameraFaults:
     """Plays the faults of all cameras of a simulated flight."""
 
-    def __init__(self, schedule: Schedule, truth: CameraTruth, calibrations: Sequence[PixelCalibration]) -> None:
-        """``calibrations``: the true calibration of each drone's camera."""
+    def __init__(self, schedule: Schedule, truth: CameraTruth, calibrations: Mapping[int, PixelCalibration]) -> None:
+        """``calibrations``: the true calibration of each drone's camera; an ordinary detector has none, and can only be dead."""
         self._schedule, self._truth, self._calibrations = schedule, truth, calibrations
         self._first: dict[tuple[Active, int], Readout] = {}  # of stuck cameras
         self._pixels: dict[tuple[Active, int], NDArray[np.int64]] = {}  # of noisy cameras
@@ -34,7 +34,10 @@ class CameraFaults:
         """Return a readout as the faulty camera of a drone delivers it; None if the camera delivers nothing."""
         schedule = self._schedule
         for dead, _ in schedule.active(CameraDead, drone):
-            return replace(readout, hits=PixelHits.none()) if dead.blind else None
+            counts = None if readout.counts is None else np.zeros_like(readout.counts)
+            return replace(readout, hits=PixelHits.none(), counts=counts) if dead.blind else None
+        if readout.counts is not None:
+            return readout
         for gain, _ in schedule.active(CameraGain, drone):
             readout = replace(readout, hits=amplified(readout.hits, gain.factor_at(schedule.time_s), self._calibrations[drone]))
         for noisy, one in schedule.active(CameraNoisy, drone):

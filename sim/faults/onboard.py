@@ -38,7 +38,7 @@ class OnboardFaults:
         self.poses = PoseFaults(schedule, frames, errors, autopilots, step_s)
         self.vehicles = VehicleFaults(schedule, autopilots, motion, step_s)
         truth, read = cameras
-        self._cameras = CameraFaults(schedule, truth, [] if read is None else read.calibrations)
+        self._cameras = CameraFaults(schedule, truth, {} if read is None else read.calibrations)
 
     def readout(self, drone: int, readout: Readout) -> Readout | None:
         """Return a camera readout as the agent gets it, after faults of camera and clock; None if the camera delivers nothing."""

@@ -13,7 +13,6 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from radron.agent.config.drone import (
-    DetectorConfig,
     DroneConfig,
     PeerMeshConfig,
     RecorderConfig,
@@ -148,7 +147,7 @@ def drone_config(scenario: Scenario, drone: str, calibrated: bool, ports: Ports,
             response=scenario.response,
             vision=VisionConfig(address=f"{LOCAL}:{ports.vision}") if ports.vision else None,
         ),
-        detector=DetectorConfig(driver="feed", address=f"{LOCAL}:{ports.camera}") if ports.camera else DetectorConfig(),
+        detector=scenario.detector_file(drone, f"{LOCAL}:{ports.camera}" if ports.camera else None),
         sightings=SightingsConfig(address=f"{LOCAL}:{ports.sightings}" if ports.sightings else None),
         recorder=RecorderConfig(folder="flight"),
     )

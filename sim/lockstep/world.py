@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from radron.agent.computing import Computing
-from radron.agent.config.drone import DroneConfig, VehicleConfig
 from radron.agent.mission.memory import Memory
 from radron.agent.pilot import Pilot
 from radron.protocol.messages import Action
@@ -78,7 +77,7 @@ class World:
         if scenario.sightings is not None:
             walls = Walls(scenario.walls) if scenario.walls else None
             self._sightings = Sightings(scenario.sightings, names, walls, TICK_NS * 1e-9, random.sightings)
-        configs = [DroneConfig(id=drone.id, vehicle=VehicleConfig(response=scenario.response)) for drone in mission.drones]
+        configs = [scenario.drone_file(name) for name in names]
         self._sources = Sources(scenario, MAX_START_S + scenario.end.longest_s(mission), random)
         self._sources_now: tuple[Source, ...] = ()
         nuclides = self._sources.nuclides

@@ -14,6 +14,7 @@ from radron.agent.detector.readout import PixelHits, Readout
 from radron.sim.geometry import Array
 from radron.sim.radiation.calibration import PixelCalibration
 from radron.sim.radiation.camera import Camera, SourceView
+from radron.sim.radiation.crystal.emulated import Ordinary
 from radron.sim.radiation.ground.materials import concrete_per
 from radron.sim.scenario import Scenario
 from radron.sim.world.frame import CameraMount
@@ -66,9 +67,13 @@ class Cameras:
         self._scenario = scenario
         own = [scenario.cameras.get(drone.id, _SAME) for drone in drones]
         self._mounts = [CameraMount(one.mounting(drone.camera_rpy_deg)) for one, drone in zip(own, drones, strict=True)]
-        self._cameras = [
-            Camera(one.of(scenario.camera), emitted, rng, clock_ns, ground) for one, rng in zip(own, random.cameras, strict=True)
-        ]
+        self._cameras: list[Camera | Ordinary] = []
+        for drone, one, rng in zip(drones, own, random.cameras, strict=True):
+            ordinary = scenario.ordinary.get(drone.id)
+            if ordinary is None or ground is None:
+                self._cameras.append(Camera(one.of(scenario.camera), emitted, rng, clock_ns, ground))
+            else:
+                self._cameras.append(Ordinary(ordinary, emitted, rng, clock_ns, ground))
         self._depth_m = 0.0 if ground is None else ground.depth_m
         self._concrete_per_ground = 0.0 if ground is None else concrete_per(ground.kind)
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
@@ -107,12 +112,14 @@ class Cameras:
         first, last = slices[0], slices[-1]
         live_s, lost = sum(part.live_time_s for part in slices), sum(part.lost_hits for part in slices)
         hits = PixelHits.joined(part.hits for part in slices)
-        return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost)
+        parts = [part.counts for part in slices if part.counts is not None]
+        counts = np.sum(parts, axis=0) if parts else None
+        return Readout(first.start_ns, last.end_ns, first.clock_ns, live_s, hits, lost, counts=counts)
 
     @property
-    def calibrations(self) -> list[PixelCalibration]:
-        """True energy calibration of each camera."""
-        return [camera.calibration for camera in self._cameras]
+    def calibrations(self) -> dict[int, PixelCalibration]:
+        """True energy calibration of each camera, by the drone's index; ordinary detectors have none."""
+        return {drone: camera.calibration for drone, camera in enumerate(self._cameras) if isinstance(camera, Camera)}
 
     def calibrated(self, drones: Sequence[DroneConfig], folder: Path) -> list[DroneConfig]:
         """Return the drones' configurations with the energy calibration of each camera.
@@ -128,5 +135,5 @@ class Cameras:
 
     def write_calibrations(self, folders: Sequence[Path]) -> None:
         """Write the calibration files of each camera into the folder of its drone."""
-        for camera, folder in zip(self._cameras, folders, strict=True):
-            camera.calibration.write(folder)
+        for drone, calibration in self.calibrations.items():
+            calibration.write(folders[drone])

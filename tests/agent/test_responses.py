@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from radron.agent.config.loading import load_mission, mission_content, read_content, without_files
-from radron.agent.config.responses import ResponseTable, read_table, shipped_tables
+from radron.agent.config.responses import ResponseTable, read_table, shipped_content, shipped_tables
 from radron.agent.config.writing import as_toml
 from radron.agent.detector.response import Response
 from radron.agent.errors import ConfigError
@@ -38,8 +38,7 @@ SMALL: dict[str, Any] = {
 
 
 def table_of(name: str) -> ResponseTable:
-    path = Path(__file__).parents[2] / "agent/config/tables" / f"{name}.json"
-    return read_table(path.read_bytes(), name)
+    return read_table(shipped_content(name), name)
 
 
 def mission_file(folder: Path, keys: str, estimator: str = "given") -> Path:

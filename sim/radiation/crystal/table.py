@@ -35,12 +35,17 @@ def channel_edges_kev(kind: str) -> FloatArray:
     return np.asarray(np.linspace(math.sqrt(MIN_CHANNEL_KEV), math.sqrt(MAX_CHANNEL_KEV), CHANNELS + 1) ** 2)
 
 
-def smeared(found: Detector, deposits_cm2: FloatArray, edges_kev: FloatArray) -> FloatArray:
-    """Return areas by channel (C,), cm2, from areas by deposit in bins of ``STEP_KEV``, with the detector's resolution."""
-    middle = STEP_KEV * (np.arange(len(deposits_cm2)) + 0.5)
-    sigma = found.fwhm_kev(middle) / _FWHM_PER_SIGMA
-    below = ndtr((edges_kev[None, :] - middle[:, None]) / sigma[:, None])
-    return np.asarray(deposits_cm2 @ np.diff(below, axis=1))
+def smeared(
+    found: Detector, at_kev: FloatArray, areas_cm2: FloatArray, edges_kev: FloatArray, resolution: float = 1.0
+) -> FloatArray:
+    """Return areas by channel (C,), cm2, from areas by deposited energy, with the detector's resolution.
+
+    at_kev, areas_cm2: (N,) energies of the deposits, and their areas. edges_kev: (C + 1,). resolution: factor on the width.
+    """
+    some = areas_cm2 > 0.0
+    sigma = resolution * found.fwhm_kev(at_kev[some]) / _FWHM_PER_SIGMA
+    below = ndtr((edges_kev[None, :] - at_kev[some, None]) / sigma[:, None])
+    return np.asarray(areas_cm2[some] @ np.diff(below, axis=1))
 
 
 def response_table(name: str, histories: int, seed: int) -> str:
@@ -72,7 +77,9 @@ def response_table(name: str, histories: int, seed: int) -> str:
 
 
 def _by_channel(found: Detector, deposits_cm2: FloatArray, edges_kev: FloatArray) -> FloatArray:
-    return deposits_cm2 if found.kind == "counts" else smeared(found, deposits_cm2, edges_kev)
+    if found.kind == "counts":
+        return deposits_cm2
+    return smeared(found, STEP_KEV * (np.arange(len(deposits_cm2)) + 0.5), deposits_cm2, edges_kev)
 
 
 def _rounded(value: float, digits: int = 4) -> float:

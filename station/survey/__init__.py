@@ -1,0 +1,1 @@
+"""Recorded surveys with ordinary detectors: CSV files, their check, and their fold without a flight."""

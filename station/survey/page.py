@@ -1,0 +1,64 @@
+"""The page of a recorded survey: track, count rates, spectrum with lines, and time statistics, as a PNG."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from radron.station.survey.check import PARTS, SMOOTHED_RECORDS, Statistics
+from radron.station.survey.table import Array, Survey
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_SHADE = "#d55e00"
+
+
+def draw(figure: Figure, survey: Survey, edges_kev: Array, found: Statistics) -> None:
+    """Draw the page of a survey; edges_kev: (R + 1,) of its channels."""
+    track, rate, spectrum, gain = figure.subplots(2, 2).ravel()
+    total = survey.counts.sum(axis=1)
+    rates = total / np.maximum(survey.live_s, 1e-9)
+    _draw_track(track, survey, rates)
+    since_s = survey.time_s - survey.time_s[0]
+    rate.plot(since_s, rates, ".", ms=2, color="#999999")
+    rate.plot(since_s, gaussian_filter1d(rates, SMOOTHED_RECORDS, mode="nearest"), color="#0072b2")
+    rate.plot(since_s[list(found.empty)], np.zeros(len(found.empty)), "x", color=_SHADE)
+    rate.set(xlabel="time, s", ylabel="counts/s", title=f"{found.rate_ps:.1f}/s; Poisson index {found.poisson_index:.2f}")
+    _draw_spectrum(spectrum, survey, edges_kev, found)
+    if found.gain:
+        gain.plot(range(1, PARTS + 1), 100.0 * (np.array(found.gain) - 1.0), "o-")
+        gain.set(title=f"gain by the line at {found.gain_line_kev:.0f} keV", xlabel="quarter of the survey", ylabel="%")
+    else:
+        gain.set(title="gain: no line strong enough")
+    figure.suptitle(f"{found.records} records, {found.dropped} rows dropped, {len(found.empty)} empty, {found.gaps} gaps")
+
+
+def _draw_track(axes: Axes, survey: Survey, rates: Array) -> None:
+    x, y = survey.place.T
+    shown = axes.scatter(x, y, c=rates, s=4, cmap="viridis")
+    axes.figure.colorbar(shown, ax=axes, label="counts/s")
+    if survey.on_earth:
+        axes.set_aspect(1.0 / max(np.cos(np.radians(float(y.mean()))), 0.01))
+        axes.set(xlabel="longitude, deg", ylabel="latitude, deg")
+    else:
+        axes.set_aspect("equal")
+        axes.set(xlabel="east, m", ylabel="north, m")
+    axes.ticklabel_format(useOffset=False)
+    low, high = float(survey.height_m.min()), float(survey.height_m.max())
+    axes.set_title(f"track, {low:.1f} to {high:.1f} m above ground")
+
+
+def _draw_spectrum(axes: Axes, survey: Survey, edges_kev: Array, found: Statistics) -> None:
+    summed = survey.counts.sum(axis=0)
+    axes.stairs(np.maximum(summed, 0.5) / np.diff(edges_kev), edges_kev)
+    axes.set_yscale("log")
+    for line in found.lines:
+        axes.axvline(line.energy_kev, color=_SHADE, lw=0.5)
+        axes.text(
+            line.energy_kev, axes.get_ylim()[1], f" {line.nuclide or f'{line.energy_kev:.0f}'}", rotation=90, va="top", size=6
+        )
+    axes.set(xlabel="keV", ylabel="counts/keV", title="sum of all records")
