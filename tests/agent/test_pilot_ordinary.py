@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from one_pilot import MISSION, SECOND, START_NS, TICK_NS, boot_of, messages, nonce_key_of, state
 
 from radron.agent.config.drone import DetectorConfig, DroneConfig
 from radron.agent.config.estimators import FusionConfig, GivenHypothesisConfig
@@ -20,6 +19,7 @@ from radron.agent.pilot import Pilot
 from radron.protocol.codec import decode_from
 from radron.protocol.entries import Exposure
 from radron.protocol.messages import Status
+from support.flights.one_pilot import MISSION, SECOND, START_NS, TICK_NS, boot_of, messages, nonce_key_of, state
 
 
 def mission_of(detector: str = "spectrum", response: str = "nai-2x2") -> MissionConfig:
