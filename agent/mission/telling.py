@@ -21,7 +21,7 @@ from radron.agent.mission.reporter import Believed, Outbox, Reporter
 from radron.agent.mission.revoking import Revoking
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.peers.newest import Peers
-from radron.agent.sensing.camera import Camera
+from radron.agent.sensing.own import OwnDetector
 from radron.agent.vehicle.interface import FlightMode, VehicleState
 from radron.protocol.messages import Alternative, Failsafe, Pose, Reaction, Stage, Status
 from radron.protocol.stages import FLYING
@@ -51,7 +51,7 @@ class Telling:
         world: WorldModel,
         own: OwnPose,
         clocks: Clocks,
-        camera: Camera,
+        camera: OwnDetector,
         peers: Peers,
         proofs: Proofs,
         executive: Executive,

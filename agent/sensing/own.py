@@ -11,8 +11,10 @@ from radron.agent.sensing.camera import Camera
 from radron.agent.sensing.observer import Observer
 from radron.agent.sensing.spectrometer import Spectrometer
 
+OwnDetector = Camera | Spectrometer
 
-def own_detector(mission: MissionConfig, drone: DroneConfig, observer: Observer, counters: Counter[str]) -> Camera | Spectrometer:
+
+def own_detector(mission: MissionConfig, drone: DroneConfig, observer: Observer, counters: Counter[str]) -> OwnDetector:
     """Return the processing of this drone's detector, of the kind that mission and drone file name.
 
     Raises:

@@ -145,7 +145,7 @@ class Ordinary:
 def areas_m2(truth: OrdinaryTruth, energies_kev: tuple[float, ...]) -> _Areas:
     """Return the effective areas of a true detector at some energies, with its own gain and resolution, by device channel."""
     found = detector(truth.detector)
-    edges = DEVICE_STEP_KEV * np.arange(DEVICE_CHANNELS + 1) / truth.gain
+    edges: FloatArray = DEVICE_STEP_KEV / truth.gain * np.arange(DEVICE_CHANNELS + 1, dtype=np.float64)
     full, rest = _deposits(truth.detector, energies_kev)
     areas = np.zeros((*full.shape, DEVICE_CHANNELS))
     for angle in range(len(ANGLES_DEG)):

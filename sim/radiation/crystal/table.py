@@ -79,7 +79,8 @@ def response_table(name: str, histories: int, seed: int) -> str:
 def _by_channel(found: Detector, deposits_cm2: FloatArray, edges_kev: FloatArray) -> FloatArray:
     if found.kind == "counts":
         return deposits_cm2
-    return smeared(found, STEP_KEV * (np.arange(len(deposits_cm2)) + 0.5), deposits_cm2, edges_kev)
+    middles_kev: FloatArray = STEP_KEV * (np.arange(len(deposits_cm2), dtype=np.float64) + 0.5)
+    return smeared(found, middles_kev, deposits_cm2, edges_kev)
 
 
 def _rounded(value: float, digits: int = 4) -> float:

@@ -74,7 +74,7 @@ def test_a_length_beyond_the_limit_is_refused_before_its_content_comes():
 def test_another_version_is_named():
     frame = bytearray(pack(Readout(0, 1, 0, 0.0, PixelHits(*(np.empty(0, kind) for kind in (np.int64, np.uint16, np.uint16))))))
     frame[4] = 9
-    with pytest.raises(DetectorError, match="version 9, known is 1"):
+    with pytest.raises(DetectorError, match="version 9, known are 1 and 2"):
         list(Unpacker().feed(bytes(frame)))
 
 
