@@ -29,6 +29,7 @@ NAMES = {
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",
     "frame-jump", "frame-jump-unannounced", "lying-drone", "stop-and-go", "beyond-fence",
     "fault-kill", "fault-partition", "fault-lossy", "fault-mavlink-loss", "fault-kitchen-sink",
+    "ordinary-static",
 }  # fmt: skip
 
 

@@ -38,7 +38,7 @@ Factor = Annotated[float, Meta(gt=0.0, le=10.0)]
 DEVICE_CHANNELS, DEVICE_STEP_KEV = 256, 12.0  # of the simulated device
 ANGLES_DEG: FloatArray = np.array((0.0, 22.5, 45.0, 67.5, 90.0))
 MIN_DISTANCE_M = 0.05
-_HISTORIES = 6_000
+_HISTORIES, _MIN_HISTORIES, _MAX_HISTORIES = 150_000, 4_000, 40_000  # of all energies in a direction; of one energy
 _SEED = 20_261_129  # other than that of the agent's tables
 _MADE_BY = ("body", "detectors", "emulated", "matter", "photons", "table", "tube")
 
@@ -170,11 +170,12 @@ def _deposits(name: str, energies_kev: tuple[float, ...]) -> tuple[FloatArray, F
     def build() -> dict[str, FloatArray]:
         rng = np.random.default_rng(_SEED)
         bins = math.ceil(max(energies_kev) / STEP_KEV)
+        histories = max(_MIN_HISTORIES, min(_MAX_HISTORIES, _HISTORIES // len(energies_kev)))
         full = np.zeros((len(ANGLES_DEG), len(energies_kev)))
         rest = np.zeros((*full.shape, bins))
         for angle, angle_deg in enumerate(ANGLES_DEG.tolist()):
             for place, energy in enumerate(energies_kev):
-                full[angle, place], others = effective_areas(name, energy, angle_deg, _HISTORIES, rng)
+                full[angle, place], others = effective_areas(name, energy, angle_deg, histories, rng)
                 rest[angle, place, : len(others)] = others
         return {"full": full, "rest": rest}
 

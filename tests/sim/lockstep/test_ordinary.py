@@ -43,4 +43,4 @@ def test_mixed_swarm_logs_counts_by_channel() -> None:
         assert all(len(entry.bins) == 64 and sum(entry.bins) == entry.counts.hits for entry in live)
         first, last = (sum(one.counts.hits for one in some) / len(some) for some in (live[4:10], live[-6:]))
         assert first > 40.0  # in half a second, of the background
-        assert last > 3.0 * first  # around the source
+        assert last > 2.0 * first  # from 50 m away to around the source
