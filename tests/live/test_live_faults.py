@@ -112,6 +112,19 @@ def circles_evenly(now: Moment, source: Sequence[float]) -> bool:
     return tracks and all(abs(each - 360.0 / count) < EVEN_DEG for each in nearest)
 
 
+def assert_tracked(moments: Sequence[Moment], *drones: int) -> None:
+    """Each of the drones, by number from 0, has been in the stage track all the time; otherwise its stages and modes are told."""
+    left = [drone for drone in drones if any(now.stages[drone] is not Stage.TRACK for now in moments)]
+    assert not left, "\n".join(f"d{drone + 1}: {course_of(moments, drone)}" for drone in left)
+
+
+def course_of(moments: Sequence[Moment], drone: int) -> str:
+    """Stages of a drone and modes of its autopilot, with the time of each change since the first moment (s)."""
+    seen = [(now.time_s - moments[0].time_s, f"{now.stages[drone]}, {now.modes[drone]}") for now in moments]
+    changes = [seen[0], *(after for before, after in pairwise(seen) if before[1] != after[1])]
+    return "; ".join(f"{time_s:.2f} s {what}" for time_s, what in changes)
+
+
 def tell(what: str, *agents: ObservedAgent) -> bool:
     """Whether these agents report it, each among its problems."""
     return all(any(what in problem for problem in agent.problems) for agent in agents)
@@ -158,8 +171,7 @@ def test_who_is_killed_is_missed_at_once_and_has_the_whole_log_again_when_it_is_
             assert told_s < stretched(1.0 + 1.0) + case.late_s  # a status comes once a second
             assert spaced_s < SPACED_S
             assert await operator.until(lambda: agents[1].alive, PATIENCE_S)
-            tracked = [now.stages for now in witness.since(struck_s)]
-            assert all((first, third) == (Stage.TRACK, Stage.TRACK) for first, _, third in tracked)
+            assert_tracked(witness.since(struck_s), 0, 2)
             operator.world.order(Order.CAMERAS_OFF)
             assert await operator.until(operator.observer.agreed, PATIENCE_S), "the restarted agent lacks part of the log"
             assert all(agent.estimate is not None for agent in agents)
@@ -183,7 +195,7 @@ def test_a_swarm_in_two_parts_tracks_on_and_has_one_log_again_at_once(tmp_path: 
             assert not tell("with d2", agents[0])
             await case.until_s(struck_s + 30.0)
             cones = [agent.cones for agent in agents]
-            assert all(stages == (Stage.TRACK,) * drones for stages in (tuple(now.stages) for now in witness.since(struck_s)))
+            assert_tracked(witness.since(struck_s), *range(drones))
             operator.world.order(Order.CAMERAS_OFF)
             healed_s, healed_ns = witness.now.time_s, time.time_ns()
             assert min(cones) > 0
@@ -213,7 +225,7 @@ def test_who_hears_nothing_of_its_vehicle_for_a_moment_holds_and_then_tracks_on(
             assert await swarm.operator.until(lambda: witness.now.modes[1] == "offboard", PATIENCE_S)
             back_s = witness.now.time_s
             await case.until_s(back_s + 5.0)
-            assert all(now.stages[1] is Stage.TRACK for now in witness.since(struck_s))
+            assert_tracked(witness.since(struck_s), 1)
             assert all(now.modes[1] == "offboard" for now in witness.since(back_s))
 
     asyncio.run(course())
@@ -261,7 +273,7 @@ def test_a_flood_in_a_members_name_delays_no_setpoint_and_none_of_the_others_mes
             others = (agents[0], agents[2])
             assert await operator.until(lambda: tell("d2 floods", *others), PATIENCE_S)
             await case.until_s(struck_s + lasts_s)
-            assert all((now.stages[0], now.stages[2]) == (Stage.TRACK, Stage.TRACK) for now in witness.since(struck_s))
+            assert_tracked(witness.since(struck_s), 0, 2)
             assert not any(tell(f"d{k} floods", agent) for k in (1, 3) for agent in agents)
             return began_ns, time.time_ns(), case.late_s
 
