@@ -76,7 +76,8 @@ class CountObservation(Struct, frozen=True):
 
     ``stamp_ns``: the exposure's end, the first time at which it is known. ``facing``: means of cos 2 psi and sin 2 psi over the
     exposure, psi the drone's heading from east; the sensor's sensitivity depends on the square of a cosine, so on twice the
-    angle; 0, 0 for an unknown heading. ``way_m``: distance between the camera's first and last position. ``position_sigma_m``,
+    angle; 0, 0 for an unknown heading. ``way_m``: distance between the camera's first and last position. ``bins``: of an
+    ordinary detector, counts in the channels of its table of response. ``position_sigma_m``,
     ``yaw_sigma_rad``: 1-sigma errors of the drone's position (horizontal distance) and heading. ``identity``, ``epoch``: of the
     log entry; ``mission_from_local``: the transform of the publisher's local frame.
     """
@@ -94,6 +95,7 @@ class CountObservation(Struct, frozen=True):
     spectrum: Spectrum = ()
     facing: tuple[float, float] = (0.0, 0.0)
     way_m: float = 0.0
+    bins: tuple[int, ...] = ()
 
 
 Observation = ConeObservation | CountObservation
@@ -144,6 +146,7 @@ def _observe_counts(exposure: Exposure, mission_from_local: Transform, identity:
         tuple(map(_alike, exposure.spectrum)),
         _facing(exposure.poses, mission_from_local.yaw_rad),
         math.dist(exposure.poses[0].position_m, exposure.poses[-1].position_m),
+        exposure.bins or (),
     )
 
 

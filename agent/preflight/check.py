@@ -18,7 +18,7 @@ from radron.agent.detector.channels import Channels
 from radron.agent.detector.drivers import open_detector
 from radron.agent.detector.files.calibration import PIXELS, load_flight_calibration
 from radron.agent.detector.readout import Detector
-from radron.agent.errors import RadronError
+from radron.agent.errors import DetectorError, RadronError
 from radron.agent.outputs import try_folder
 from radron.agent.pilot import Pilot
 from radron.agent.preflight.background import Background
@@ -225,6 +225,8 @@ class Preflight:
             async for readout in detector.readouts():
                 if channels is not None:
                     channels.detections(readout)
+                elif readout.counts is not None:
+                    raise DetectorError("it sends counts instead of pixel hits; correct detector.kind in mission and drone file")
                 if self._background is not None:
                     self._camera = self._background.take(readout)
                 else:

@@ -76,10 +76,10 @@ def statistics(survey: Survey, edges_kev: Array, fwhm_share: float) -> Statistic
     summed = survey.counts.sum(axis=0)
     lines = find_lines(summed, edges_kev, fwhm_share)
     line = max(lines, key=lambda one: one.sigma * one.energy_kev, default=None)  # a line high up shows the gain best
-    expected = gaussian_filter1d(total.astype(float), SMOOTHED_RECORDS, mode="nearest")
     empty = np.flatnonzero((total == 0) & (np.median(total) > 14.0))
     alive = np.ones(len(total), bool)
     alive[empty] = False
+    expected = smoothed(total.astype(float), alive)
     watched = total if line is None else survey.counts[:, _window(line, edges_kev, fwhm_share, 2.0)].sum(axis=1)
     pairs = alive[1:] & alive[:-1]
     step, both = np.diff(watched)[pairs], (watched[1:] + watched[:-1])[pairs]
@@ -102,6 +102,13 @@ def statistics(survey: Survey, edges_kev: Array, fwhm_share: float) -> Statistic
         gain=gain,
         gain_line_kev=line.energy_kev if line is not None and gain else None,
     )
+
+
+def smoothed(values: Array, alive: NDArray[np.bool_]) -> Array:
+    """Return the slow change of values (N,) of the records; those that are not alive take their neighbours' values."""
+    at = np.arange(len(values))
+    found: Array = gaussian_filter1d(np.interp(at, at[alive], values[alive]), SMOOTHED_RECORDS, mode="nearest")
+    return found
 
 
 def find_lines(counts: NDArray[np.int64], edges_kev: Array, fwhm_share: float) -> tuple[FoundLine, ...]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
-from radron.station.survey.check import PARTS, SMOOTHED_RECORDS, Statistics
+from radron.station.survey.check import PARTS, Statistics, smoothed
 from radron.station.survey.table import Array, Survey
 
 if TYPE_CHECKING:
@@ -25,7 +24,8 @@ def draw(figure: Figure, survey: Survey, edges_kev: Array, found: Statistics) ->
     _draw_track(track, survey, rates)
     since_s = survey.time_s - survey.time_s[0]
     rate.plot(since_s, rates, ".", ms=2, color="#999999")
-    rate.plot(since_s, gaussian_filter1d(rates, SMOOTHED_RECORDS, mode="nearest"), color="#0072b2")
+    alive = ~np.isin(np.arange(len(survey)), found.empty)
+    rate.plot(since_s, smoothed(rates, alive), color="#0072b2")
     rate.plot(since_s[list(found.empty)], np.zeros(len(found.empty)), "x", color=_SHADE)
     rate.set(xlabel="time, s", ylabel="counts/s", title=f"{found.rate_ps:.1f}/s; Poisson index {found.poisson_index:.2f}")
     _draw_spectrum(spectrum, survey, edges_kev, found)

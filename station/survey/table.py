@@ -2,6 +2,7 @@
 
 Columns: ``time_s`` (or ``epoch_s``); ``x_m`` and ``y_m`` (mission frame), or ``lat_deg`` and ``lon_deg``; ``height_m`` above
 ground; ``live_s`` (without it a record is live until the next one); ``ch0``, ``ch1``, ... counts by channel. Others are ignored.
+Commas separate them, or semicolons where numbers have decimal commas.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import io
 import lzma
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def read_survey(path: Path, time: str | None = None, height: str | None = None) 
     Raises:
         ConfigError: the file cannot be read, lacks a column, or has fewer than ``MIN_RECORDS`` usable rows.
     """
-    rows = csv.reader(io.StringIO(_text(path)))
+    rows = _rows(_text(path))
     header = [name.strip() for name in next(rows, [])]
     names = _Columns(header, path, time, height)
     values: list[list[float]] = []
@@ -85,6 +86,15 @@ def read_survey(path: Path, time: str | None = None, height: str | None = None) 
     live_s = np.where(live_s > MAX_RECORD_S, np.median(gaps_s), live_s)
     counts = table[:, 5:].astype(np.int64)
     return Survey(table[:, 0], table[:, 1:3], names.on_earth, table[:, 3], live_s, counts, tuple(dropped))
+
+
+def _rows(text: str) -> Iterator[list[str]]:
+    """Rows of a file with commas between the values, or with semicolons and decimal commas."""
+    if ";" not in text.partition("\n")[0]:
+        yield from csv.reader(io.StringIO(text))
+        return
+    for row in csv.reader(io.StringIO(text), delimiter=";"):
+        yield [cell.replace(",", ".") for cell in row]
 
 
 def _text(path: Path) -> str:

@@ -34,6 +34,16 @@ def test_background_is_counted() -> None:
     assert rate == pytest.approx(6.0, abs=3.0 * (6.0 / 10.0) ** 0.5)  # three sigma of a Poisson count over ten seconds
 
 
+def test_background_of_an_ordinary_detector() -> None:
+    for counts in ([3, 4], [0, 0]):
+        background = Background(DetectionConfig())
+        for number in range(12):
+            start_ns = BEGIN_NS + number * 10**9
+            found = background.take(Readout(start_ns, start_ns + 10**9, start_ns, 0.9, PixelHits.none(), counts=np.array(counts)))
+        assert found.verdict == ("ok" if any(counts) else "failed")
+        assert ("7.8 counts a second" if any(counts) else "check the detector's high voltage") in found.text
+
+
 def test_a_dead_camera() -> None:
     found = measured(0.0)
     assert found.verdict == "failed"

@@ -5,12 +5,16 @@ from __future__ import annotations
 import asyncio
 import os
 import pty
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from radron.agent.config.drone import PeerMeshConfig
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.detector.wire import pack
 from radron.agent.mission.memory import Memory
 from radron.agent.preflight.check import Preflight
 from radron.agent.shell.links import mesh_config
@@ -105,6 +109,33 @@ def test_a_drone_without_a_camera_is_not_ready(folder: Path) -> None:
     camera = finding(folder, "camera")
     assert camera.verdict == "failed"
     assert camera.text == 'no camera (detector.driver = "none"): this drone measures nothing and cannot search'
+
+
+def test_counts_where_the_mission_has_a_camera_are_named(folder: Path) -> None:
+    """A feed of an ordinary detector: the flight would take it for a camera without a hit."""
+
+    async def serve(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        now_ns = time.time_ns()
+        writer.write(pack(Readout(now_ns - 10**9, now_ns, now_ns, 1.0, PixelHits.none(), counts=np.array([1, 2]))))
+        await writer.drain()
+
+    async def look() -> str:
+        server = await asyncio.start_server(serve, "127.0.0.1", 0)
+        address = f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        check = Preflight(
+            *load_drone(folder / "d1.toml", {"RADRON_DETECTOR__DRIVER": "feed", "RADRON_DETECTOR__ADDRESS": address})
+        )
+        running = asyncio.create_task(check.run(60.0, lambda findings: None))
+        while (camera := next(one for one in check.findings if one.name == "camera")).verdict == "not yet":
+            assert not running.done()
+            await asyncio.sleep(0.02)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        server.close()
+        assert camera.verdict == "failed"
+        return camera.text
+
+    assert asyncio.run(look()) == "it sends counts instead of pixel hits; correct detector.kind in mission and drone file"
 
 
 def test_the_address_of_another_computer(folder: Path) -> None:

@@ -73,6 +73,24 @@ def test_file_is_read_as_written_plain_or_compressed(tmp_path: Path) -> None:
         assert not found.dropped
 
 
+def test_semicolons_and_decimal_commas_as_spreadsheets_write_them(tmp_path: Path) -> None:
+    survey = made(20)
+    path = write(tmp_path / "a.csv", survey)
+    path.write_bytes(("\ufeff" + path.read_text().replace(",", ";").replace(".", ",").replace("\n", "\r\n")).encode())
+    found = read_survey(path)
+    assert np.array_equal(found.counts, survey.counts)
+    assert np.array_equal(found.place, survey.place)
+
+
+@pytest.mark.parametrize("content", [b"\xfd7zXZ\x00 not really", b"\x00\xff\xfe\x80", b""])
+def test_files_that_are_no_text_are_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    for name in ("a.csv", "a.csv.xz"):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ConfigError) as caught:
+            read_survey(tmp_path / name)
+        assert "\n" not in str(caught.value)
+
+
 def test_bad_rows_are_dropped_and_named(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", made(20))
     lines = path.read_text().splitlines()
@@ -184,7 +202,7 @@ def test_command_writes_the_page_and_the_numbers(tmp_path: Path) -> None:
 
 def test_command_writes_nothing_for_a_wrong_calibration(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", made(5))
-    for energy in ("x", "0,12,-1", "1"):
+    for energy in ("x", "0,12,-1", "1", "nan,12", "0,inf"):
         result = CliRunner().invoke(app, ["survey", str(path), "--out", str(tmp_path / "out"), "--energy", energy])
         assert result.exit_code != 0
         assert isinstance(result.exception, ConfigError)
