@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from pathlib import Path
 
 import msgspec
@@ -17,7 +18,8 @@ from radron.station.survey.entries import exposures, folded
 from radron.station.survey.page import draw
 from radron.station.survey.table import read_survey
 
-SOUND_INDEX = (0.9, 1.1)  # Poisson index
+SOUND_INDEX = 0.1  # largest deviation of the Poisson index from 1, if it is not chance
+CHANCE_SIGMA = 4.0
 SOUND_GAIN = 0.02  # largest change
 
 
@@ -90,7 +92,7 @@ def summary(found: Statistics, dropped: tuple[str, ...]) -> list[str]:
         lines.append(f"{len(found.empty)} empty records, of {first + 1} to {last + 1}: the detector was dead")
     if found.gaps:
         lines.append(f"{found.gaps} gaps between records")
-    if not SOUND_INDEX[0] <= found.poisson_index <= SOUND_INDEX[1]:
+    if abs(found.poisson_index - 1.0) > max(SOUND_INDEX, CHANCE_SIGMA * sqrt(2.0 / found.records)):
         lines.append(f"Poisson index {found.poisson_index:.2f}: the counts are not single photons, or were smoothed")
     if found.gain and max(found.gain) - min(found.gain) > SOUND_GAIN:
         lines.append(f"gain drifts by {max(found.gain) - min(found.gain):.1%} (line at {found.gain_line_kev:.0f} keV)")

@@ -17,6 +17,7 @@ from radron.agent.errors import ConfigError
 from radron.station.cli import app
 from radron.station.survey.check import energies_of, statistics
 from radron.station.survey.entries import exposures, folded, places_m
+from radron.station.survey.running import summary
 from radron.station.survey.table import Survey, read_survey
 
 ENERGY = (0.0, 12.0)
@@ -148,6 +149,14 @@ def test_repeated_records_show_in_the_poisson_index() -> None:
     survey = made()
     survey.counts[1::2] = survey.counts[::2]
     assert statistics(survey, energies_of(survey, ENERGY), 0.07).poisson_index < 0.7
+
+
+def test_summary_names_repeated_records_but_not_the_chance_of_a_few() -> None:
+    edges = energies_of(made(3), ENERGY)
+    assert not any("Poisson index" in line and "smoothed" in line for line in summary(statistics(made(5), edges, 0.07), ()))
+    repeated = made()
+    repeated.counts[1::2] = repeated.counts[::2]
+    assert any("smoothed" in line for line in summary(statistics(repeated, edges, 0.07), ()))
 
 
 def mission_of(folder: Path):
