@@ -60,6 +60,7 @@ def test_coincidences_without_fluorescence_and_what_it_adds(angle: int, two_perc
     assert 1.0 < percent * real.area_mm2.sum() * (clusters(real).number == 2).mean() / without < 1.2
 
 
+@pytest.mark.slow
 def test_angular_resolution_at_30_degrees() -> None:
     events = beam(30.0, 300_000, quota=(0, 0, 300_000))
     degrees = np.degrees(cones(events, clusters(events, merge_satellites=True), LINE, 86.0).arm_rad)

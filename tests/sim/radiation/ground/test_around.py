@@ -45,6 +45,7 @@ def test_without_a_source_the_ground_is_the_background() -> None:
     assert natural_flux("soil", 3.0).sum() > 0.0
 
 
+@pytest.mark.slow
 def test_rain_is_a_step_that_decays() -> None:
     """After half an hour a half of it, and none on a camera over no ground."""
     rain = RainTruth(at_s=100.0, factor=3.0)
