@@ -165,7 +165,7 @@ class SafetyConfig(Section, frozen=True, kw_only=True):
     alone: Literal["keep", "hold", "return"] = "keep"
     agent_lost: Literal["return", "land", "hold"] = "return"
     return_height_m: Positive = 10.0
-    return_layer_m: NonNegative = 3.0
+    return_layer_m: NonNegative = 4.0
     battery_reserve: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.2
 
 

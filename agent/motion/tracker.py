@@ -159,10 +159,10 @@ class Tracker:
         """Return the H + 1 positions (H + 1, 3) of the present plan from now on; without a plan all are ``here``."""
         if self._plan is None:
             return np.repeat(np.array(here)[None], self._horizon + 1, axis=0)
-        flat = sampled(
-            self._plan.positions, (now_ns - self._plan.stamp_ns) * 1e-9, self._step_s, np.concatenate(((0.0,), self._times))
-        )
-        return np.column_stack((flat, np.full(len(flat), here[2])))
+        age_s, times = (now_ns - self._plan.stamp_ns) * 1e-9, np.concatenate(((0.0,), self._times))
+        flat, planned = sampled(self._plan.positions, age_s, self._step_s, times), self._plan.positions[:, 2]
+        climbs = np.interp(age_s + times, self._step_s * np.arange(len(planned)), planned)
+        return np.column_stack((flat, here[2] + climbs - climbs[0]))
 
     def sample(self, now_ns: int, yaw_rate_rps: float = 0.0) -> tuple[Vector3, Vector3, Vector3]:
         """Return the setpoint for the autopilot now: position, velocity and acceleration, ahead by the vehicle's dead time.

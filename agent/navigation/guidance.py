@@ -23,7 +23,7 @@ from radron.agent.navigation.peers.bearings import freest_bearing
 from radron.agent.navigation.surveying import InformedSearch, Search
 from radron.agent.navigation.unheard.absence import Absence
 from radron.agent.navigation.unheard.contact import Circle
-from radron.agent.navigation.unheard.crossing import WayHome, crossing_height_m
+from radron.agent.navigation.unheard.crossing import WayHome, climb_s, crossing_height_m
 from radron.agent.navigation.unheard.lines import KEPT_M
 from radron.agent.navigation.unheard.wayaround import WayAround, hovering
 from radron.protocol.messages import Stage
@@ -33,7 +33,6 @@ from radron.protocol.stages import BRAKING
 # peer without own motion. With bearings alone, two such drones could circle towards each other: each begins away from the other.
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
-_CLIMBS_LATE_S = 2.0  # delay of other drones: they may notice later, and have to reach their climb rate
 _AT_HEIGHT_M = 1.0  # tolerance for arrival in the altitude layer
 
 
@@ -58,9 +57,7 @@ class Guidance:
     ) -> None:
         self._config = mission
         self._id = drone.id
-        highest_m = max(crossing_height_m(mission, member.id) for member in mission.drones)
-        way_m = max(0.0, highest_m - mission.survey.height_m)
-        self._climb_ns = round((way_m / mission.limits.climb_mps + _CLIMBS_LATE_S) * 1e9)  # until all are in their layers
+        self._climb_ns = round(climb_s(mission, drone.id) * 1e9)
         self._own, self._ground, self._home = own, ground, home
         self._search, self._informed = search, informed
         self._circling = Circling(mission, drone.id, ground)
@@ -74,7 +71,7 @@ class Guidance:
         self._waits: tuple[int, float, float] | None = None  # begin and position of the wait for its frame, local
         self._freest_rad = 0.0  # direction with most room for motion then
         self._climbs_at: Vector3 | None = None  # position of the climb above drones at unknown positions, local
-        self._above_ns: int | None = None  # begin of the search above them, or of its preparation
+        self._climbs_ns: int | None = None  # begin of the climb to the altitude layer, for a search in it or a way home
 
     @property
     def comes_down(self) -> bool:
@@ -144,7 +141,7 @@ class Guidance:
         if moment.stage is Stage.SURVEY or centre is None:
             if self._may_meet:
                 return self._search_above(moment, state, partners, frame, above)
-            self._above_ns = None
+            self._climbs_ns = None
             return self._survey(moment, state, partners, frame)
         if self._holds:
             return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
@@ -242,13 +239,17 @@ class Guidance:
         anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: at its position. All drones climb
         before any search begins: separation may push climbing drones along, through the layer of an earlier search.
         """
-        self._above_ns = moment.now_ns if self._above_ns is None else self._above_ns
-        all_are_there = moment.now_ns - self._above_ns >= self._climb_ns
-        if all_are_there and abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M:
+        is_there = abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M
+        if not self._are_climbing(moment) and is_there:
             found = self._survey(moment, state, partners, frame)
             found.positions[:, 2] = self._over_z_m(moment)
             return found
         return self._hold_above(moment, state, above)
+
+    def _are_climbing(self, moment: Moment) -> bool:
+        """Whether lost peers may climb through the layer of this drone still, if they began together with it."""
+        self._climbs_ns = moment.now_ns if self._climbs_ns is None else self._climbs_ns
+        return moment.now_ns - self._climbs_ns < self._climb_ns
 
     def _hold_above(self, moment: Moment, state: PeerState, above: Vector3 | None) -> Reference:
         """Return a hold in the altitude layer; arguments as of ``_search_above``."""
@@ -266,7 +267,17 @@ class Guidance:
         home = self._home.in_local or (x, y, 0.0)
         unheard, height_m = self._absence is not None, moment.vehicle.height_m
         rest = comes_to_rest(state, self._config.limits)[:2]
-        to, over_m = self._way.course((x, y), rest, height_m, home[:2], unheard=unheard, taken=self._home_is_taken)
+        if not unheard:
+            self._climbs_ns = None
+        to, over_m = self._way.course(
+            (x, y),
+            rest,
+            height_m,
+            home[:2],
+            unheard=unheard,
+            taken=self._home_is_taken,
+            are_climbing=unheard and self._are_climbing(moment),
+        )
         way = np.array([(x, y), to])
         if (frame := self._own.frame) is not None:
             homes = self._absence.homes if self._absence is not None else ()

@@ -25,6 +25,9 @@ from radron.protocol.stages import DESCENDING, STEERED
 _GOES_ON_S, _STOPPED_S = 1.0, 3.5
 _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
+# Earliest departure after a rise of more than a metre: below all three measured, and below that of a return by the agent itself,
+# which waits in its altitude layer (``crossing.climb_s``).
+_STOPS_S, _FASTEST_CLIMB_MPS, _RISE_M = 2.5, 2.2, 1.0
 _NEAREST_S, _FARTHEST_S = 0.5, 2.0  # least and greatest stopping distance, in seconds of its velocity: about ``ONWARD_S``
 _BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # stopping distance after a hold command: v^2 / 6 + 0.6 v; MPC_ACC_HOR is 3 m/s^2
 _GAP_M = 6.0  # between two keep-out places (separation and more around each) that leave no way between them
@@ -53,8 +56,8 @@ class Stretch(Struct, frozen=True):
 
 class Course(Struct, frozen=True):
     """Failsafe course of one vehicle: it stops somewhere on ``stop``, and stays there until ``leaves_s``; infinity: for good.
-    ``way``: from the stop to home, at the height ``cruise_m``; the vehicle is there by ``arrives_s``, and down by ``down_s``.
-    None: no return.
+    ``way``: from the stop to home, at the height ``cruise_m``; the vehicle departs at ``departs_s`` at the earliest, is over home
+    from ``home_from_s`` on at the earliest, and by ``arrives_s`` at the latest, and down by ``down_s``. None: no return.
     ``goes_on_m``: least distance along ``stop`` before the vehicle stops.
     """
 
@@ -62,27 +65,34 @@ class Course(Struct, frozen=True):
     leaves_s: float
     way: tuple[Point2, Point2] | None = None
     cruise_m: float = 0.0
+    departs_s: float = 0.0
+    home_from_s: float = 0.0
     arrives_s: float = inf
     down_s: float = 0.0
     goes_on_m: float = 0.0
 
-    def stretches(self, times: Array, below_m: float) -> list[Stretch]:
+    def stretches(self, times: Array, below_m: Array | float, above_m: Array | float = -inf) -> list[Stretch]:
         """Return the possible stretches at times (K,), ascending from now on; none once the vehicle must be down.
 
-        ``below_m``: height above which a crossing vehicle is not in the way.
+        ``below_m``, ``above_m``: heights at these times, above and below which a crossing vehicle is not in the way.
         """
-        leaves_s = self._leaves_s(below_m)
-        found = [self.stops(times)] if times[0] < leaves_s else []
+        leaves_s, is_under = self._leaves_s(float(np.max(below_m))), np.broadcast_to(above_m, times.shape) < self.cruise_m
+        is_met = self.way is None or bool(is_under.any())
+        found = [self.stops(times)] if times[0] < leaves_s and is_met else []
         if self.way is None or times[0] >= self.down_s:
             return found
         start, home = self.way
         way_m = dist(start, home)
-        if way_m > _LOWER_M and self.cruise_m > below_m:
-            comes_down = times[-1] >= _GOES_ON_S + way_m / _FASTEST_MPS
-            return [*found, Stretch(home, home)] if comes_down else found
-        front = np.clip(_FASTEST_MPS * (times - _GOES_ON_S), 0.0, way_m)
-        back = np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m)
+        meets = is_under & (times >= self.departs_s) & ((self.cruise_m <= below_m) | (way_m <= _LOWER_M))
+        if not meets.any():
+            return [*found, Stretch(home, home)] if self.is_over_home(times, above_m) else found
+        front = np.clip(_FASTEST_MPS * (np.minimum(times, times[meets][-1]) - self.departs_s), 0.0, way_m)
+        back = np.minimum(np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m), front)
         return [*found, Stretch(start, home, back, front)]
+
+    def is_over_home(self, times: Array, above_m: Array | float = -inf) -> bool:
+        """Whether the vehicle may descend over its home at one of these times; ``above_m``: as for ``stretches``."""
+        return bool(((times >= self.home_from_s) & (np.asarray(above_m) < self.cruise_m)).any())
 
     @property
     def hovers(self) -> list[Point2]:
@@ -123,6 +133,7 @@ class Agentless:
         self._homeless = {member.id for member in mission.drones if member.localization == "slam"}
         self._return_m = {member.id: height for member, height in zip(mission.drones, mission.return_heights_m, strict=True)}
         self._corners = mission.area.polygon_m
+        self._fastest_mps = max(mission.limits.speed_mps, _FASTEST_MPS)
 
     def course(self, name: str, moves: PeerState, stage: Stage, home: Vector3, *, steered: bool = False) -> Course:
         """Return the failsafe course from a position and velocity, mission frame, with the agent at that stage.
@@ -154,13 +165,12 @@ class Agentless:
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
         way = (x + ONWARD_S * u, y + ONWARD_S * v), (home_x, home_y)
+        rises = dist(*way) > _LOWER_M and cruise_m - z > _RISE_M
+        departs_s = _STOPS_S + (cruise_m - z) / _FASTEST_CLIMB_MPS if rises else _GOES_ON_S
+        home_from_s = departs_s + dist(*way) / self._fastest_mps
         arrives_s = leaves_s + dist(*way) / _SLOWEST_MPS
         down_s = arrives_s + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
-        return Course(_stop(moves), leaves_s, way, cruise_m, arrives_s, down_s, goes_on_m)
-
-    def returns_above(self, name: str, other: str) -> bool:
-        """Whether ``name`` returns higher than ``other``, and so descends through the height of the other's return."""
-        return self._return_m[name] > self._return_m[other]
+        return Course(_stop(moves), leaves_s, way, cruise_m, departs_s, home_from_s, arrives_s, down_s, goes_on_m)
 
     def longest_s(self, name: str) -> float:
         """Return the longest time to landing after an unhindered return from anywhere in the area."""

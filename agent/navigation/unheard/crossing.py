@@ -19,6 +19,7 @@ _NEAR_M = 1.0  # tolerance for arrival at a height or on a circle
 _OVER_HOME_M, _AWAY_M = 2.0, 6.0
 _CEILING_SHARE = 0.9  # of the ceiling, from which plans keep clear: the highest altitude layer
 CLEAR_M = 5.0  # from a forbidden circle during the climb: the separation, and the margin of plans
+_CLIMBS_LATE_S = 2.0  # delay of other drones: they may notice later, and have to reach their climb rate
 
 
 def is_over_m(mission: MissionConfig, drone: str) -> float:
@@ -43,6 +44,15 @@ def crossing_height_m(mission: MissionConfig, drone: str) -> float:
     lowest_m, highest_m = min(min(layers_m) + lift_m, highest_m), min(max(layers_m) + lift_m, highest_m)
     share = (height_m - min(layers_m)) / max(max(layers_m) - min(layers_m), 1e-9)
     return lowest_m + share * (highest_m - lowest_m)
+
+
+def climb_s(mission: MissionConfig, drone: str) -> float:
+    """Return the time (s) from the begin of a climb until all drones that climb, too, have passed this drone's altitude layer.
+    Earlier it stays where it climbs: neither a drone below nor above it crosses its way.
+    """
+    layers_m = [crossing_height_m(mission, member.id) for member in mission.drones]
+    passed_m = min(crossing_height_m(mission, drone) + mission.limits.separation_m + _NEAR_M, max(layers_m))
+    return max(0.0, passed_m - mission.survey.height_m) / mission.limits.climb_mps + _CLIMBS_LATE_S
 
 
 class Crossing:
@@ -95,13 +105,22 @@ class WayHome:
         self._crosses = self._is_over = self._is_home = self.climbs = self.comes_down = False
 
     def course(
-        self, here: Point2, rest: Point2, height_m: float, home: Point2, *, unheard: bool, taken: bool = False
+        self,
+        here: Point2,
+        rest: Point2,
+        height_m: float,
+        home: Point2,
+        *,
+        unheard: bool,
+        taken: bool = False,
+        are_climbing: bool = False,
     ) -> tuple[Point2, float | None]:
         """Return the destination, and the height above the ground; None: the height of the search.
 
         ``here``, ``home``, and ``rest``, the stopping point: in one frame; ``unheard``: lost peers may fly anywhere on the way;
-        ``taken``: also below, at home: the drone waits above. Once in its layer the drone stays there to the end, because it may
-        be over a peer that is heard again. Over home it descends by setpoints, three times as fast as autopilots land.
+        ``taken``: also below, at home: the drone waits above; ``are_climbing``: peers may climb through its layer still. Once in
+        its layer the drone stays there to the end, because it may be over a peer that is heard again. Over home it descends by
+        setpoints, three times as fast as autopilots land.
         """
         self._crosses = unheard or (self._crosses and self._is_over)
         arrives = max(dist(here, home), dist(rest, home)) < _OVER_HOME_M
@@ -113,6 +132,6 @@ class WayHome:
             self.climbs, self._held = False, None
             return home, self._height_m if taken and self.comes_down else None
         self._held = self._held or rest
-        self._is_over = self._is_over or height_m > self._height_m - _NEAR_M
+        self._is_over = self._is_over or (height_m > self._height_m - _NEAR_M and not are_climbing)
         self.climbs = not self._is_over
         return (self._held if self.climbs else home), self._height_m

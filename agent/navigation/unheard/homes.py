@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from radron.agent.config.mission import MissionConfig
 from radron.agent.geometry import Point2, Vector3
 from radron.agent.motion.separation import PeerPlan
 from radron.agent.navigation.others.belief import PeerBelief
-from radron.agent.navigation.unheard.agentless import Agentless
+from radron.agent.navigation.unheard.agentless import Course
 from radron.agent.navigation.unheard.crossing import is_over_m
 from radron.agent.navigation.unheard.viewer import Viewer
 from radron.agent.navigation.unheard.wayaround import KeptPlace
@@ -25,10 +25,10 @@ COMING_DOWN_S = 45.0
 class Homes:
     """Present keep-out discs over homes, by drone."""
 
-    def __init__(self, mission: MissionConfig, drone: str, agentless: Agentless, beliefs: Mapping[str, PeerBelief]) -> None:
+    def __init__(self, mission: MissionConfig, drone: str, beliefs: Mapping[str, PeerBelief]) -> None:
         """``drone``: the own id; ``beliefs``: the owners of the discs, by id of the other drones."""
-        self._id, self._agentless, self._beliefs = drone, agentless, beliefs
-        self._is_over_m = is_over_m(mission, drone)
+        self._beliefs = beliefs
+        self._is_over_m, self._separation_m = is_over_m(mission, drone), mission.limits.separation_m
 
     @property
     def kept(self) -> tuple[KeptPlace, ...]:
@@ -44,11 +44,14 @@ class Homes:
         self.keep(name, home[:2])
         return me.expects(name, np.tile(home[:2], (len(me.ahead()), 1)))
 
-    def coming_down(self, name: str, home: Vector3, me: Viewer) -> list[PeerPlan]:
-        """Return the peer's plan over its home while this drone returns, too, low or in a lower altitude layer."""
+    def coming_down(self, name: str, home: Vector3, me: Viewer, returns: Sequence[tuple[int, Course]]) -> list[PeerPlan]:
+        """Return the peer's plan over its home while this drone returns, too, low or in a lower altitude layer. ``returns``: its
+        possible returns, each with the stamp of its begin.
+        """
         crosses = me.height_m > self._is_over_m
         if me.returning_s is None or (me.returning_s >= COMING_DOWN_S and (crosses or not me.revoked)):
             return []
-        if crosses and not self._agentless.returns_above(name, self._id):
+        above_m = me.way()[:, 2] - self._separation_m
+        if not any(course.is_over_home(me.times_since(since_ns), above_m) for since_ns, course in returns):
             return []
         return [self.over(name, home, me)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from radron.agent.navigation.peers.newest import Peers
-from radron.agent.navigation.unheard.contact import SILENT_NS, hears
+from radron.agent.navigation.unheard.contact import SILENT_NS, hears, last_contact_ns
 from radron.protocol.messages import Pose
 
 # Retention of a place on the shared circle after the last contact. Each network component notices after a second, and moves to
@@ -23,18 +23,18 @@ def relayed(last_ns: Mapping[str, int | None], partners: Sequence[str], peers: P
         name
         for name, contact_ns in last_ns.items()
         for pose in _poses(partners, peers)
-        if hears(pose, name) and pose.stamp_ns - pose.silences_ns[name] > (contact_ns or 0) + SILENT_NS
+        if hears(pose, name) and last_contact_ns(pose, name) > (contact_ns or 0) + SILENT_NS
     }
 
 
 def is_kept(name: str, last_ns: int | None, partners: Sequence[str], peers: Peers, now_ns: int) -> bool:
-    """Whether a missing drone may still be on the same circle: at first, and as long as a partner hears it.
+    """Whether a missing drone may still be on the same circle: until 5 s after its last contact with this drone or a partner.
 
     ``last_ns``: stamp of its last contact with this drone.
     """
-    if last_ns is not None and now_ns - last_ns < LEAVING_NS:
-        return True
-    return any(hears(pose, name) for pose in _poses(partners, peers))
+    relayed_ns = [last_contact_ns(pose, name) for pose in _poses(partners, peers) if name in pose.silences_ns]
+    own_ns = [] if last_ns is None else [last_ns]
+    return any(now_ns - contact_ns < LEAVING_NS for contact_ns in (*own_ns, *relayed_ns))
 
 
 def _poses(partners: Sequence[str], peers: Peers) -> list[Pose]:

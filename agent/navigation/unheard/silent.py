@@ -31,6 +31,7 @@ from msgspec.structs import replace
 from radron.agent.config.mission import MissionConfig
 from radron.agent.frames.transform import Transform
 from radron.agent.geometry import Array
+from radron.agent.motion.reference import PeerState
 from radron.agent.motion.separation import PeerPlan
 from radron.agent.navigation.others.belief import PeerBelief
 from radron.agent.navigation.peers.newest import Peer, Peers
@@ -68,9 +69,9 @@ class Silent:
         self._id, self._order = drone, [member.id for member in mission.drones]
         self._agentless = Agentless(mission)
         self.beliefs = {member.id: PeerBelief() for member in mission.drones if member.id != drone}
-        self._homes = Homes(mission, drone, self._agentless, self.beliefs)
+        self._homes = Homes(mission, drone, self.beliefs)
         self._tracked_ns = tracked_line_ns(mission)
-        self._above_m = _ABOVE * mission.limits.separation_m
+        self._separation_m = mission.limits.separation_m
         self._is_over_m = is_over_m(mission, drone)
 
     def recall(self, name: str, pose: Pose, wall: Wall | None) -> None:
@@ -197,9 +198,11 @@ class Silent:
         self.beliefs[name].kept.clear()
         wall = self._wall_now(name, peer, pose, frames[0], me)
         found = [] if wall is None or me.height_m > self._is_over_m else [me.beyond(name, wall, sigma_m)]
-        found += self._homes.coming_down(name, self._agentless.home(name, pose), me)
-        last = self._last_seen(name, pose.stamp_ns, me.epoch)
+        last, home = self._last_seen(name, pose.stamp_ns, me.epoch), self._agentless.home(name, pose)
         moves = None if last is None else me.in_mission(last.moves)
+        returns = [self._agentless.return_of(name, moves or motion_of(pose, frame), home) for frame in frames]
+        since_ns = pose.stamp_ns if last is None else last.stamp_ns
+        found += self._homes.coming_down(name, home, me, [(since_ns, course) for course in returns])
         courses = possible_courses(self._agentless, name, peer, pose, frames, moves, excluded=name in me.excluded)
         return found + self._along(name, courses, pose.stamp_ns, last, sigma_m, me)
 
@@ -209,9 +212,9 @@ class Silent:
         """Return the possible positions on these courses since the last pose or sighting."""
         since_ns = heard_ns if last is None else last.stamp_ns
         self.beliefs[name].courses_ns, self.beliefs[name].courses = since_ns, courses
-        own_way, silent_s = me.way(), (me.now_ns - since_ns) * 1e-9
-        ahead, below_m = own_way[:, :2], float(own_way[:, 2].max()) + self._above_m
-        times: Array = silent_s + me.step_s * np.arange(float(len(ahead)))
+        own_way, times = me.way(), me.times_since(since_ns)
+        ahead, heights_m, silent_s = own_way[:, :2], own_way[:, 2], float(times[0])
+        below_m, above_m = heights_m + _ABOVE * self._separation_m, heights_m - self._separation_m
         found = []
         stops: list[Stretch] = []  # each once: steering has room for three half-planes in each step
         for course in courses:
@@ -221,7 +224,7 @@ class Silent:
             doubt_m = 0.0 if is_late else hypot(sigma_m, _SIGMA_M)
             if course.way is not None and silent_s < course.down_s:
                 self._homes.keep(name, course.way[1], doubt_m)
-            for stretch in course.stretches(times, below_m):
+            for stretch in course.stretches(times, below_m, above_m):
                 if course.is_stop(stretch):
                     if any(course.is_stop(known) for known in stops):
                         continue
@@ -234,10 +237,8 @@ class Silent:
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
         """Return the stop of a quiet peer in failsafe, nearest to this drone's own plan."""
-        ahead = me.way()[:, :2]
-        times: Array = (me.now_ns - pose.stamp_ns) * 1e-9 + me.step_s * np.arange(float(len(ahead)))
         course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
-        return me.expects(name, course.stops(times).nearest(ahead), _SIGMA_M)
+        return me.expects(name, course.stops(me.times_since(pose.stamp_ns)).nearest(me.way()[:, :2]), _SIGMA_M)
 
     def _contact(self, name: str, peer: Peer, newest: Pose, mission_from_theirs: Transform, me: Viewer) -> Contact:
         """Return the last contact with a lost or one-way peer, by its newest pose, unless an earlier one is known."""
@@ -275,7 +276,7 @@ class Silent:
         """
         belief, home = self.beliefs[name], self._agentless.launch(name)
         belief.kept.clear()
-        found = self._homes.coming_down(name, home, me)
+        found = self._homes.coming_down(name, home, me, [(0, self._agentless.return_of(name, PeerState(home), home))])
         if excluded:
             belief.excluded_ns = me.now_ns if belief.excluded_ns is None else belief.excluded_ns
             silent_s = (me.now_ns - belief.excluded_ns) * 1e-9

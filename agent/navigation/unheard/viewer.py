@@ -40,6 +40,11 @@ class Viewer(Struct, frozen=True):
         """Return the planned positions (K, 3), mission frame."""
         return self.local_from_mission.inverse().apply(self.ahead())
 
+    def times_since(self, stamp_ns: int) -> Array:
+        """Return the times (K,) of the planned positions since a stamp, s."""
+        times: Array = (self.now_ns - stamp_ns) * 1e-9 + self.step_s * np.arange(float(len(self.ahead())))
+        return times
+
     def local(self, places: Array) -> Array:
         """Return positions (K, 3), own local frame, of positions (K, 2), mission frame."""
         return self.local_from_mission.apply(np.column_stack((places, np.zeros(len(places)))))

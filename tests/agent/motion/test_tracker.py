@@ -376,3 +376,14 @@ def test_before_a_gap_that_gets_too_narrow_a_drone_stays_rather_than_be_pushed_t
         state = tracker.state(now_ns + STEP_NS)
         apart_m.append(hypot(state.position[0] + 3.1, state.position[1] - ahead_m))
     assert min(apart_m) > LIMITS.separation_m + 0.5
+
+
+def test_the_way_ahead_climbs_as_planned_from_the_measured_height() -> None:
+    tracker = Tracker(LIMITS, WIDE)
+    plan = follow(tracker, [stay(0.0, 0.0, 20.0)] * 5)[-1]
+    later_ns = plan.stamp_ns + STEP_NS // 2
+    climbs = tracker.ahead(later_ns, (0.0, 0.0, 5.0))[:, 2]
+    middles = 0.5 * (plan.positions[:-1, 2] + plan.positions[1:, 2])
+    assert climbs[0] == 5.0
+    assert climbs[:-1] - 5.0 == pytest.approx(middles - middles[0])
+    assert climbs[-2] > 11.0  # 2 m/s for 3.8 s

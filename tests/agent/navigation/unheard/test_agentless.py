@@ -18,7 +18,7 @@ COMES_DOWN_S = 10.0  # a drone that lands at its home by setpoints settles there
 
 
 def course(stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocity=(0.0, 2.0, 0.0), steered=True, **safety):
-    """The course of drone b: home at the origin, return altitude 13 m."""
+    """The course of drone b: home at the origin, return altitude 14 m."""
     mission = MissionConfig(
         name="test",
         area=AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)), ceiling_m=40.0),
@@ -35,11 +35,12 @@ def flown_by(agentless, name, stage=Stage.TRACK, place=(30.0, 0.0, 2.0), velocit
 def test_it_stops_climbs_and_goes_home():
     """The vehicle is still where it stopped, or on its way already, by 6 m/s at most; in the end it must be down."""
     flown = course()
-    assert flown.cruise_m == 13.0
-    stop, way = flown.stretches(NOW, below_m=20.0)
+    assert flown.cruise_m == 14.0
+    assert flown.departs_s == pytest.approx(2.5 + 12.0 / 2.2)
+    stop, way = flown.stretches(flown.departs_s + np.array([0.0, 2.0, 3.0]), below_m=20.0)
     assert (stop.start, stop.end) == ((30.0, 0.0), (30.0, 4.0))
     assert (way.start, way.end) == ((30.0, 3.0), (0.0, 0.0))
-    assert way.front == pytest.approx((12.0, 24.0, np.hypot(30.0, 3.0)))
+    assert way.front == pytest.approx((0.0, 12.0, 18.0))
     assert way.back == pytest.approx((0.0, 0.0, 0.0))
     left = flown.stretches(NOW + flown.leaves_s, below_m=20.0)
     assert len(left) == 1
@@ -73,11 +74,40 @@ def test_it_goes_on_at_first_where_it_flew_by_setpoints(stage, steered, least_m)
     assert stop.nearest(-behind)[:, 1] == pytest.approx(4.0)
 
 
+@pytest.mark.parametrize(("rise_m", "measured_s"), [(2.0, 4.2), (10.0, 8.4), (20.0, 12.0)])
+def test_it_departs_no_earlier_than_a_climb_allows_and_no_later_than_a_slow_one(rise_m, measured_s):
+    """Departures of a real PX4. Ways home that began after a second had pushed climbing drones together: 1.3 m."""
+    flown = course(place=(30.0, 0.0, 14.0 - rise_m))
+    assert flown.departs_s < measured_s < flown.leaves_s
+
+
+def test_where_it_is_at_once_it_may_depart_at_once():
+    assert course(place=(30.0, 0.0, 14.0)).departs_s == 1.0  # at its height
+    assert course(place=(8.0, 0.0, 2.0)).departs_s == 1.0  # near its home it may return low
+
+
 def test_what_crosses_high_above_is_not_in_the_way_until_it_comes_down():
     flown = course()
-    assert [one.start for one in flown.stretches(NOW - 2.0, below_m=8.0)] == [(30.0, 0.0)]  # not home before 6 s
-    assert [one.end for one in flown.stretches(NOW, below_m=8.0)] == [(30.0, 4.0), (0.0, 0.0)]
+    home_s = flown.departs_s + np.hypot(30.0, 3.0) / 8.0  # at the greatest speed of the mission
+    assert flown.stretches(NOW - NOW[-1] + home_s - 0.1, below_m=8.0) == []  # has left its stop, upward
+    assert [one.start for one in flown.stretches(NOW - NOW[-1] + home_s + 0.1, below_m=8.0)] == [(0.0, 0.0)]
     assert [one.start for one in flown.stretches(NOW + flown.leaves_s, below_m=8.0)] == [(0.0, 0.0)]
+
+
+def test_what_crosses_below_is_not_in_the_way():
+    """Nor is its stop, nor its home: the vehicle is never above its height of return."""
+    flown = course()
+    for now_s in (0.0, flown.departs_s, flown.leaves_s + 5.0):
+        assert flown.stretches(NOW + now_s, below_m=23.0, above_m=14.0) == []
+        assert flown.stretches(NOW + now_s, below_m=23.0, above_m=13.9) != []
+
+
+def test_a_climbing_drone_meets_it_only_until_it_is_above():
+    """The front stays where it was when both were last at one height."""
+    flown = course()
+    times = flown.departs_s + np.array([0.0, 1.0, 2.0, 3.0])
+    *_, way = flown.stretches(times, below_m=30.0, above_m=np.array([10.0, 12.0, 14.0, 16.0]))
+    assert way.front == pytest.approx((0.0, 6.0, 6.0, 6.0))
 
 
 @pytest.mark.parametrize("x_m", [30.0, 8.0])

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from radron.agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
 from radron.agent.motion.orbit import ring_lift_m
-from radron.agent.navigation.unheard.crossing import Crossing, WayHome, crossing_height_m, is_over_m
+from radron.agent.navigation.unheard.crossing import Crossing, WayHome, climb_s, crossing_height_m, is_over_m
 from support.flights.one_pilot import MISSION
 
 OVER_M = 16.0  # return height of d3
@@ -78,6 +78,22 @@ def test_it_goes_home_above_those_that_it_does_not_hear_and_comes_down_there():
     assert not way.climbs
     way.begin()
     assert way.course((30.0, 1.0), (30.0, 1.0), 3.0, (0.0, 0.0), unheard=True) == ((30.0, 1.0), OVER_M)
+
+
+def test_it_stays_where_it_climbs_until_all_that_climb_have_passed_its_layer():
+    """The drones climb together, at 2 m/s. Before, the lowest one set off at once, at the height of those that still climbed."""
+    way = WayHome(THREE, "d3")
+    for height_m in (3.0, 15.5, 16.0):
+        assert way.course((30.0, 1.0), (30.0, 1.0), height_m, (0.0, 0.0), unheard=True, are_climbing=True) == (
+            (30.0, 1.0),
+            OVER_M,
+        )
+        assert way.climbs
+    assert way.course((30.0, 1.0), (30.0, 1.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), OVER_M)
+    assert not way.climbs
+    above_m = crossing_height_m(THREE, "d1") + THREE.limits.separation_m
+    assert THREE.survey.height_m + THREE.limits.climb_mps * (climb_s(THREE, "d1") - 2.0) > above_m
+    assert climb_s(THREE, "d2") == climb_s(THREE, "d3")  # nobody passes the highest layer
 
 
 def test_one_that_leaves_home_fast_when_it_is_told_to_return_climbs_where_it_comes_to_rest():

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.unheard.contact import link_state
+from radron.agent.navigation.unheard.relayed import LEAVING_NS, is_kept
 from radron.agent.navigation.unheard.silent import LEFT_S, Silent
 from radron.protocol.messages import Pose, Stage
 
@@ -97,3 +98,17 @@ def test_a_side_stays_on_its_circle_when_its_first_one_returns():
 def test_the_circle_of_one_that_has_returned_is_nobody_s_while_it_is_heard_by_two_sides():
     assert [ring("c", ("d",), {"a": "cd"}, home="a"), ring("d", ("c",), {"a": "cd"}, home="a")] == [2, 3]
     assert [ring("c", ("d",), {"a": "c"}, home="a"), ring("d", ("c",), {"a": "c"}, home="a")] == [0, 3]
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_place_on_the_circle_stays_free_for_five_seconds_after_the_last_contact_whichever_side_had_it(own):
+    """A partner's contact was forgotten after a second, the own one after five."""
+
+    def kept(since_ns):
+        peers = Peers(["b", "c"])
+        silence_ns = 2 * LEAVING_NS if own else since_ns
+        assert peers.receive(replace(DOWN, drone="b", silences_ns={"c": silence_ns}), NOW_NS) is None
+        return is_kept("c", NOW_NS - (since_ns if own else 2 * LEAVING_NS), ["b"], peers, NOW_NS)
+
+    assert kept(LEAVING_NS - 1)
+    assert not kept(LEAVING_NS)
