@@ -15,13 +15,12 @@ from radron.sim.scoring.moment import Moment
 FREEZE_S, END_S = 30.0, 60.0
 
 
-PUSHED = pytest.mark.xfail(strict=True, reason="open defect pushed-while-climbing: 2.6 m")
+PUSHED = pytest.mark.xfail(strict=True, reason="open defect pushed-while-climbing: 2.5 m")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part_s", [22.0, pytest.param(31.0, marks=PUSHED)])  # before, and while none of them runs
 def test_agents_that_are_all_restarted_while_nobody_hears_anybody_keep_apart(part_s) -> None:
-    """Possible ways home of the others had pushed two drones towards each other during their climb: 2.6 m."""
     faults = (
         {"kind": "partition", "at_s": part_s, "groups": [["d1"], ["d2"], ["d3"]]},
         {"kind": "freeze", "at_s": FREEZE_S, "for_s": 2.9},  # of all: their watchdogs start them again
