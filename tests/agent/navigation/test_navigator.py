@@ -138,7 +138,7 @@ def test_the_rest_of_a_takeoff_goes_straight_up_whatever_is_known_of_the_source(
     assert places[-1, 2] == pytest.approx(MISSION.survey.height_m, abs=0.05)
 
 
-@pytest.mark.parametrize(("missing", "again_s"), [(True, 99.0), (True, 6.0), (False, 99.0)], ids=["gone", "again", "landed"])
+@pytest.mark.parametrize(("missing", "again_s"), [(True, 99.0), (True, 9.0), (False, 99.0)], ids=["gone", "again", "landed"])
 def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
     """The other one may be on its way home too, and hears as little of this one; or is heard again when this one is over it."""
     peers = Peers(["d2"])

@@ -1,4 +1,5 @@
 import math
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -666,10 +667,12 @@ def test_a_return_goes_around_the_homes_over_which_those_come_down_that_it_does_
     (other,) = peers.names
     for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
         assert peers.receive(message, 0) is None
+    over_m = MISSION.return_height_m(me)
     for height_m, returning_s, places in (
-        (3.0, 20.0, low), (20.0, 20.0, crossing), (3.0, None, []), (20.0, None, []), (3.0, 50.0, []), (20.0, 50.0, []),
+        (3.0, 20.0, low), (over_m, 20.0, crossing), (3.0, None, []), (over_m, None, []), (3.0, 50.0, []), (over_m, 50.0, []),
     ):  # fmt: skip
-        myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s)
+        ahead = partial(np.tile, (0.0, 0.0, height_m), (1, 1))
+        myself = Self(300 * SECOND, 0, 0.1, Transform(), ahead=ahead, height_m=height_m, returning_s=returning_s)
         found = hood.around(peers, myself)
         assert [one.plan.positions[0][:2] for one in found] == places
 
@@ -682,14 +685,16 @@ def test_a_revoked_drone_comes_down_around_the_homes_of_those_that_return_later(
     for message in (replace(pose(), drone=other), replace(status(Stage.TRACK), drone=other)):
         assert peers.receive(message, 0) is None
     low = [(10.0, 0.0)] if me == "a" else [(0.0, 0.0)]
-    for height_m, returning_s, places in ((3.0, 50.0, low), (20.0, 20.0, crossing), (20.0, 50.0, []), (3.0, None, [])):
-        myself = Self(300 * SECOND, 0, 0.1, Transform(), height_m=height_m, returning_s=returning_s, revoked=True)
+    over_m = MISSION.return_height_m(me)
+    for height_m, returning_s, places in ((3.0, 50.0, low), (over_m, 20.0, crossing), (over_m, 50.0, []), (3.0, None, [])):
+        ahead = partial(np.tile, (0.0, 0.0, height_m), (1, 1))
+        myself = Self(300 * SECOND, 0, 0.1, Transform(), ahead=ahead, height_m=height_m, returning_s=returning_s, revoked=True)
         assert [one.plan.positions[0][:2] for one in hood.around(peers, myself)] == places
 
 
-@pytest.mark.parametrize(("revoked", "second", "sigma_m"), [(True, 11, 2.0), (True, 12, 0.0), (False, 12, 2.0)])
+@pytest.mark.parametrize(("revoked", "second", "sigma_m"), [(True, 12, 2.0), (True, 13, 0.0), (False, 13, 2.0)])
 def test_a_revoked_drone_does_not_wait_over_its_home_because_the_home_of_another_is_doubtful(revoked, second, sigma_m):
-    """b, without its agent, is home after 11.5 s at the latest. Pushed aside by the doubt until b had to be down as well, a drone
+    """b, without its agent, is home after 12.2 s at the latest. Pushed aside by the doubt until b had to be down as well, a drone
     waited for a minute, and descended through the altitude layers of others that expected it landed.
     """
     hood, peers = Neighbourhood(MISSION, FrameGraph.from_launch_layout(MISSION), "a"), Peers(["b"])
