@@ -28,7 +28,8 @@ _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
 # Earliest departure after a rise of more than a metre: below all three measured, and below that of a return by the agent itself,
 # which waits in its altitude layer (``crossing.climb_s``).
 _STOPS_S, _FASTEST_CLIMB_MPS, _RISE_M = 2.5, 2.2, 1.0
-_NEAREST_S, _FARTHEST_S = 0.5, 2.0  # least and greatest stopping distance, in seconds of its velocity: about ``ONWARD_S``
+# Least and greatest stopping distance, in seconds of its velocity: about ``ONWARD_S``; greatest one of a failsafe hold.
+_NEAREST_S, _FARTHEST_S, _HOLD_S = 0.5, 2.0, 2.3
 _BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # stopping distance after a hold command: v^2 / 6 + 0.6 v; MPC_ACC_HOR is 3 m/s^2
 _GAP_M = 6.0  # between two keep-out places (separation and more around each) that leave no way between them
 _LOWER_M = 12.0  # nearer to home than this the return may be lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
@@ -141,12 +142,12 @@ class Agentless:
         ``steered``: by its agent until then, according to its last pose.
         """
         (_, _, z), (u, v, _) = moves.position, moves.velocity
-        stop, reaction = _stop(moves), self._reaction(name, stage)
+        reaction = self._reaction(name, stage)
         goes_on_m = _NEAREST_S * hypot(u, v) if steered and stage in STEERED else 0.0
         if reaction == "hold":
-            return Course(stop, inf, goes_on_m=goes_on_m)
+            return Course(_stop(moves, _HOLD_S if self._agent_lost == "hold" else _FARTHEST_S), inf, goes_on_m=goes_on_m)
         if reaction == "land":
-            return Course(stop, _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS, goes_on_m=goes_on_m)
+            return Course(_stop(moves), _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS, goes_on_m=goes_on_m)
         return self.return_of(name, moves, home, goes_on_m)
 
     @staticmethod
@@ -199,7 +200,7 @@ class Agentless:
         return self._launch[name] if isinstance(pose.home_m, UnsetType) else pose.home_m
 
 
-def _stop(moves: PeerState) -> Stretch:
+def _stop(moves: PeerState, farthest_s: float = _FARTHEST_S) -> Stretch:
     """Return the stretch of the stop from a position and velocity."""
     (x, y, _), (u, v, _) = moves.position, moves.velocity
-    return Stretch((x, y), (x + _FARTHEST_S * u, y + _FARTHEST_S * v))
+    return Stretch((x, y), (x + farthest_s * u, y + farthest_s * v))

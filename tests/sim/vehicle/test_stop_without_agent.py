@@ -52,7 +52,5 @@ def stop_s(mode, speed_mps):
     ],
 )
 def test_way_to_the_stop_without_an_agent(mode, speed_mps, seconds):
-    """The peers keep 0.5 to 2 s of its velocity free: enough for a return, the default, and not for a hold at the
-    speed of the search.
-    """
+    """The peers keep 0.5 to 2 s of its velocity free, 2.3 s for a hold."""
     assert stop_s(mode, speed_mps) == pytest.approx(seconds, abs=0.07)

@@ -134,14 +134,14 @@ def test_near_its_home_it_may_return_low():
 
 
 @pytest.mark.parametrize(
-    ("stage", "lost", "leaves_s"),
+    ("stage", "lost", "leaves_s", "stop_s"),
     [
-        (Stage.TRACK, "hold", inf),
-        (Stage.TRACK, "land", 17.5),
-        (Stage.LANDING, "return", 17.5),
+        (Stage.TRACK, "hold", inf, 2.3),  # a hold takes longest (test_stop_without_agent.py)
+        (Stage.TRACK, "land", 17.5, 2.0),
+        (Stage.LANDING, "return", 17.5, 2.0),
     ],
 )
-def test_it_stays_where_it_stops(stage, lost, leaves_s):
+def test_it_stays_where_it_stops(stage, lost, leaves_s, stop_s):
     flown = course(stage, agent_lost=lost)
     assert flown.leaves_s == leaves_s
-    assert [one.end for one in flown.stretches(NOW, below_m=20.0)] == [(30.0, 4.0)]
+    assert [one.end for one in flown.stretches(NOW, below_m=20.0)] == [(30.0, pytest.approx(2.0 * stop_s))]

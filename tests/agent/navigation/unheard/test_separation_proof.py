@@ -70,6 +70,7 @@ VALUES = {
     "_HEIGHT_MPS": orbit._HEIGHT_MPS,
     "_NEAREST_S": agentless._NEAREST_S,
     "_FARTHEST_S": agentless._FARTHEST_S,
+    "_HOLD_S": agentless._HOLD_S,
     "LEFT_S": silent.LEFT_S,
     "_NEAR_M": crossing._NEAR_M,
 }
