@@ -32,7 +32,7 @@ from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.unheard import agentless, contact, crossing, lines, relayed, silent, viewer
 from radron.agent.navigation.unheard.agentless import Agentless
 from radron.agent.navigation.unheard.contact import SILENT_NS, link_state, wall_between
-from radron.agent.navigation.unheard.crossing import crossing_height_m, is_over_m
+from radron.agent.navigation.unheard.crossing import climb_s, crossing_height_m, is_over_m
 from radron.agent.navigation.unheard.silent import Silent
 from radron.agent.navigation.unheard.viewer import Viewer
 from radron.protocol.messages import Stage
@@ -340,3 +340,4 @@ def test_times_and_ways_to_a_stop():
     leaves = [Agentless(three).course(name, fast, Stage.SURVEY, (0.0, 0.0, 0.0)).leaves_s for name in ("d1", "d2", "d3")]
     assert leaves == pytest.approx([8.2, 10.8, 13.5], abs=0.05)
     assert three.return_heights_m == (10.0, 14.0, 18.0)
+    assert [climb_s(three, one.id) for one in three.drones] == pytest.approx([7.5, 9.5, 9.5])
