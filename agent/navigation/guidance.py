@@ -138,10 +138,11 @@ class Guidance:
         self._way.begin()
         if frame is None:
             return self._wait(moment, state, seen)
-        if moment.stage is Stage.SURVEY or centre is None:
-            if self._may_meet:
-                return self._search_above(moment, state, partners, frame, above)
-            self._climbs_ns = None
+        searches = moment.stage is Stage.SURVEY or centre is None
+        if searches and self._may_meet:
+            return self._search_above(moment, state, partners, frame, above)
+        self._climbs_ns = None
+        if searches or centre is None:
             return self._survey(moment, state, partners, frame)
         if self._holds:
             return self._circling.hover(moment, state, centre, absence, self._survey_z_m(moment))
