@@ -26,6 +26,7 @@ from radron.sim.radiation.crystal.emulated import DEVICE_STEP_KEV, OrdinaryTruth
 from radron.sim.radiation.nuclides import NUCLIDES
 from radron.sim.radiation.truth import GroundTruth
 from radron.sim.vehicle.multirotor import MultirotorTruth
+from radron.sim.world.contaminationtruth import ContaminationTruth
 from radron.sim.world.launch import StartTruth
 from radron.sim.world.localization import LocalizationTruth
 from radron.sim.world.localizers import check_vehicles
@@ -80,6 +81,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
     source: SourceTruth | None = None
     sources: Annotated[tuple[SourceTruth, ...], Meta(max_length=8)] = ()
     random_sources: RandomSourcesTruth | None = None
+    contamination: Annotated[tuple[ContaminationTruth, ...], Meta(max_length=8)] = ()  # of the ground, beside the sources
     terrain: TerrainTruth = TerrainTruth()
     walls: tuple[WallTruth, ...] = ()
     camera: CameraTruth = CameraTruth()
@@ -102,7 +104,8 @@ class Scenario(_Section, frozen=True, kw_only=True):
         They are simulated also without a source, but not if the source's position is given to the agents.
         """
         given = self.mission.fusion.estimator == "given"
-        return not given or self.source is not None or bool(self.sources) or self.random_sources is not None
+        sources = self.source is not None or bool(self.sources) or self.random_sources is not None
+        return not given or sources or bool(self.contamination)
 
     def drone_file(self, drone: str) -> DroneConfig:
         """Return a drone's file in a flight in one process, without links."""
@@ -130,6 +133,7 @@ class Scenario(_Section, frozen=True, kw_only=True):
                 source.check(area, where, name)
         if self.random_sources is not None:
             self.random_sources.check(area, where)
+        self._check_contamination(area, where)
         if (self.mission.track.duration_s or 0.0) > MAX_COURSE_S:
             raise ConfigError(f"{where}: mission.track.duration_s: a simulated flight tracks for at most {MAX_COURSE_S:g} s")
         for wall in self.walls:
@@ -153,6 +157,14 @@ class Scenario(_Section, frozen=True, kw_only=True):
             raise ConfigError(f"{where}: ordinary: the mission has {wanted or 'no ordinary detectors'}, but these are {found}")
         if wanted and self.ground is None:
             raise ConfigError(f"{where}: ordinary: ordinary detectors are simulated over a ground only; give the section ground")
+
+    def _check_contamination(self, area: Polygon, where: str) -> None:
+        for place, contamination in enumerate(self.contamination):
+            contamination.check(area, f"{where}: contamination[{place}]")
+        if self.contamination and (self.ground is None or self.walls or self.terrain != TerrainTruth()):
+            raise ConfigError(
+                f"{where}: contamination is simulated on flat open ground alone; add [ground], and leave out walls and terrain"
+            )
 
     def _check_localization(self, where: str) -> None:
         truth = self.localization

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import accumulate
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -16,6 +16,7 @@ from radron.sim.radiation.bank import BACKGROUND_BIN, SCATTERED_BIN, near_bin
 from radron.sim.radiation.calibration import PixelCalibration
 from radron.sim.radiation.electronics import Electronics
 from radron.sim.radiation.emission import FROM_ALL_DIRECTIONS, Emission, Origins, Pool, pick
+from radron.sim.radiation.ground.area import AreaInCamera, AreaPose, AreaSource, AreaView
 from radron.sim.radiation.ground.around import MIN_DISTANCE_M, AroundCamera
 from radron.sim.radiation.individual import Individual
 from radron.sim.radiation.truth import CameraTruth, GroundTruth
@@ -42,6 +43,19 @@ class SourceView(Struct, frozen=True):
     source_m: float = 0.0
 
 
+class _Rates(NamedTuple):
+    """Origins of photons as ``Origins`` has them, with their rates (1/s)."""
+
+    bins: Sequence[int] | NDArray[np.int64]
+    nuclide: Sequence[int] | NDArray[np.int64]
+    symmetries: Sequence[int] | NDArray[np.int64]
+    rates: Sequence[float] | NDArray[np.float64]
+
+
+def _of_area(nuclide: int, area: AreaView) -> _Rates:
+    return _Rates(area.bins, np.full(len(area.bins), nuclide), area.symmetries, area.rates)
+
+
 class Camera:
     """A simulated MiniPIX TPX3 (pixel detector) exposed to sources, with background, scattered photons, air and electronics.
 
@@ -54,9 +68,11 @@ class Camera:
         rng: the camera's own random numbers.
         clock_ns: UTC time of tick 0, the start of the simulation.
         ground: material below the drone; None: no ground, as in the paper's data.
+        areas: contaminated parts of the ground, of some of these nuclides.
 
     Raises:
         ConfigError: an unknown nuclide.
+        ValueError: contaminated parts of no ground.
     """
 
     def __init__(
@@ -66,6 +82,7 @@ class Camera:
         rng: np.random.Generator,
         clock_ns: int,
         ground: GroundTruth | None = None,
+        areas: Sequence[AreaSource] = (),
     ) -> None:
         self._truth = truth
         self._clock_ns = clock_ns
@@ -76,6 +93,7 @@ class Camera:
         self._around = None if ground is None else AroundCamera(ground, truth)
         self._pools: list[Pool] = [*self._emissions, *([] if self._around is None else [self._around])]
         self._own = Individual(truth, rng)
+        self._areas = [self._in_camera(area, ground) for area in areas]
         self._electronics = Electronics(truth, rng, clock_ns)
         # Records no event, but loads the compiled functions, which takes longer than a second of exposures.
         nowhere = Origins(
@@ -87,16 +105,26 @@ class Camera:
         )
         self._record(clock_ns, clock_ns, np.empty((0, 5)), nowhere)
 
+    def _in_camera(self, area: AreaSource, ground: GroundTruth | None) -> tuple[int, AreaInCamera]:
+        """An area with the place of its nuclide."""
+        if ground is None:
+            raise ValueError("contaminated ground needs a ground")
+        place = self._place[area.nuclide]
+        return place, AreaInCamera(area, self._emissions[place], ground, self._own)
+
     @property
     def calibration(self) -> PixelCalibration:
         """The camera's energy calibration, with ``write(folder)`` for the agent's files."""
         return self._electronics.calibration
 
-    def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView], height_m: float = 0.0) -> Readout:
+    def expose(
+        self, start_ns: int, end_ns: int, views: Sequence[SourceView], height_m: float = 0.0, pose: AreaPose | None = None
+    ) -> Readout:
         """Return all pixel hits from ``start_ns`` until before ``end_ns`` (UTC); the number of photons is Poisson distributed.
 
         ``views``: the sources, which do not move relative to the camera meanwhile. ``height_m``: height of the camera above the
-        ground below it. A clock offset of the camera shifts all stamps of the readout equally.
+        ground below it. ``pose``: pose of the camera, which counts for contaminated ground alone; without it none is seen. A
+        clock offset of the camera shifts all stamps of the readout equally.
         """
         rng, truth, own = self._rng, self._truth, self._own
         bins: list[int] = []
@@ -121,25 +149,36 @@ class Camera:
             symmetries.append(symmetry)
             rates.append(rate * own.transmission(view.direction) * math.exp(depth - least))
             scattered[nuclide] += rate * (truth.scatter_near + (truth.scatter_air * depth if self._around is None else 0.0))
+        areas = [] if pose is None else [(place, one.see(pose, (rng.random(), rng.random()))) for place, one in self._areas]
+        for place, area in areas:
+            scattered[place] += area.near * truth.scatter_near
+        straight = _Rates(bins, nuclides, symmetries, rates)
         span_s = (end_ns - start_ns) * 1e-9
-        bins += [SCATTERED_BIN] * len(scattered) + [BACKGROUND_BIN]
-        nuclides += [*range(len(scattered)), 0]
         drift = own.background(span_s)
-        rates += [*scattered, truth.background_hits_per_s * own.sensitivity * drift]
-        symmetries += [FROM_ALL_DIRECTIONS] * (len(scattered) + 1)
+        everywhere = _Rates(
+            [SCATTERED_BIN] * len(scattered) + [BACKGROUND_BIN],
+            [*range(len(scattered)), 0],
+            [FROM_ALL_DIRECTIONS] * (len(scattered) + 1),
+            [*scattered, truth.background_hits_per_s * own.sensitivity * drift],
+        )
+        parts = [straight, *(_of_area(place, area) for place, area in areas), everywhere]
         if self._around is not None:
             time_s = (start_ns - self._clock_ns) * 1e-9
-            around = self._around.rates(views, own, drift, height_m, time_s, self._emissions[0].nuclide)
-            bins += around.bins
-            symmetries += around.symmetries
-            rates += around.rates
-            nuclides += [len(self._emissions)] * len(around.bins)
-        cumulative = list(accumulate(rates))
+            first = self._emissions[0].nuclide
+            around = self._around.rates(views, [area for _, area in areas], own, drift, height_m, time_s, first)
+            parts.append(_Rates(around.bins, np.full(len(around.bins), len(self._emissions)), around.symmetries, around.rates))
+        cumulative = np.cumsum(np.concatenate([part.rates for part in parts]))
         count = int(rng.poisson(cumulative[-1] * span_s))
         if count == 0:
             return self._stamped(self._electronics.empty(start_ns, end_ns))
-        origins = Origins(np.array(cumulative), np.array(bins), np.array(nuclides), np.array(symmetries, np.int64), excess)
+        columns = (np.concatenate([part[column] for part in parts]).astype(np.int64) for column in range(3))
+        origins = Origins(cumulative, *columns, self._excess(excess, [area for _, area in areas]))
         return self._stamped(self._record(start_ns, end_ns, rng.random((count, 5)), origins))
+
+    def _excess(self, of_views: NDArray[np.float64], areas: Sequence[AreaView]) -> NDArray[np.float64]:
+        """Optical depths of all sources and cells of contaminated ground beyond their most penetrating line's."""
+        padded = [np.pad(area.excess, ((0, 0), (0, self._lines - area.excess.shape[1]))) for area in areas]
+        return np.concatenate([of_views, *padded])
 
     def _stamped(self, readout: Readout) -> Readout:
         """The readout with the stamps of the camera's own clock."""

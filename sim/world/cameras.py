@@ -15,8 +15,10 @@ from radron.sim.geometry import Array
 from radron.sim.radiation.calibration import PixelCalibration
 from radron.sim.radiation.camera import Camera, SourceView
 from radron.sim.radiation.crystal.emulated import Ordinary
+from radron.sim.radiation.ground.area import AreaPose
 from radron.sim.radiation.ground.materials import concrete_per
 from radron.sim.scenario import Scenario
+from radron.sim.world.contamination import contaminated_ground
 from radron.sim.world.frame import CameraMount
 from radron.sim.world.owncameras import OwnCamera, drone_file
 from radron.sim.world.sources import Source
@@ -46,7 +48,7 @@ class Motion(Protocol):
 class Cameras:
     """The simulated cameras of N vehicles, one each.
 
-    All are exposed to the scenario's sources, through its walls, or to the background alone.
+    All are exposed to the scenario's sources, through its walls, and to its contaminated ground, or to the background alone.
     """
 
     def __init__(
@@ -60,7 +62,8 @@ class Cameras:
         """``nuclides``: nuclides of the sources, each once. ``drones``: mounting of each camera, except in ``scenario.cameras``.
         ``random``: random streams of the flight. ``clock_ns``: UTC time at which the cameras' clocks were reset.
         """
-        emitted = tuple(nuclides) or (scenario.mission.one_nuclide or _ANY,)
+        areas = [part.source for part in contaminated_ground(scenario, random)]
+        emitted = tuple(dict.fromkeys([*nuclides, *(area.nuclide for area in areas)])) or (scenario.mission.one_nuclide or _ANY,)
         self._walls = Walls(scenario.walls) if scenario.walls else None
         self._terrain = Terrain(scenario.terrain)
         ground = None if scenario.ground is None else scenario.ground.drawn(random.ground)
@@ -71,9 +74,10 @@ class Cameras:
         for drone, one, rng in zip(drones, own, random.cameras, strict=True):
             ordinary = scenario.ordinary.get(drone.id)
             if ordinary is None or ground is None:
-                self._cameras.append(Camera(one.of(scenario.camera), emitted, rng, clock_ns, ground))
+                self._cameras.append(Camera(one.of(scenario.camera), emitted, rng, clock_ns, ground, areas))
             else:
-                self._cameras.append(Ordinary(ordinary, emitted, rng, clock_ns, ground))
+                self._cameras.append(Ordinary(ordinary, emitted, rng, clock_ns, ground, areas))
+        self._is_contaminated = bool(areas)
         self._depth_m = 0.0 if ground is None else ground.depth_m
         self._concrete_per_ground = 0.0 if ground is None else concrete_per(ground.kind)
         self._exposed: list[list[Readout]] = [[] for _ in self._cameras]
@@ -86,7 +90,10 @@ class Cameras:
         views = [self._view(drone, motion, source) for source in sources]
         x, y, z = motion.position_m[drone].tolist()
         height_m = z - self._terrain.height_m(x, y)
-        self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views, height_m))
+        pose = None
+        if self._is_contaminated:
+            pose = AreaPose(np.array((x, y, height_m)), self._mounts[drone].camera_from_world(motion.quaternion(drone)))
+        self._exposed[drone].append(self._cameras[drone].expose(start_ns, end_ns, views, height_m, pose))
 
     def _view(self, drone: int, motion: Motion, source: Source) -> SourceView:
         place = motion.position_m[drone]

@@ -10,14 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 _FRAMES, _RECEIVERS, _LIAR, _SIGHTINGS = range(1_000_000, 1_000_004)  # beyond any camera's key
-_SOURCES, _GROUND = 1_000_008, 1_000_010  # the keys between belong to radron.sim.faults and radron.sim.campaign.faults
+_SOURCES, _GROUND, _CONTAMINATION = (
+    1_000_008,
+    1_000_010,
+    1_000_030,
+)  # the keys between belong to radron.sim.faults and radron.sim.campaign.faults
 
 
 class Streams(NamedTuple):
     """Random number generators of a simulated flight, one for each random quantity, all from one seed.
 
     ``cameras``, ``frames``, ``receivers``: one for each drone. ``sources``: of all sources except ``source``. ``ground``: for the
-    kind of ground.
+    kind of ground. ``contamination``: patterns of contaminated ground.
     """
 
     source: np.random.Generator
@@ -32,6 +36,7 @@ class Streams(NamedTuple):
     sightings: np.random.Generator
     sources: np.random.Generator
     ground: np.random.Generator
+    contamination: np.random.Generator
 
 
 def streams(seed: int, drones: int) -> Streams:
@@ -52,6 +57,7 @@ def streams(seed: int, drones: int) -> Streams:
         sightings=_keyed(seed, _SIGHTINGS),
         sources=_keyed(seed, _SOURCES),
         ground=_keyed(seed, _GROUND),
+        contamination=_keyed(seed, _CONTAMINATION),
     )
 
 

@@ -24,6 +24,7 @@ NAMES = {
     "mismatch-walls", "hilly", "many-ideal", "many-real", "many-contrast", "many-high", "many-soil",
     "walls-known", "walls-unknown", "mismatch-ground", "mismatch-buried", "mismatch-raised",
     "mismatch-drift", "mismatch-rain", "mismatch-camera",
+    "field-uniform", "field-patch", "field-gradient", "field-streets", "field-hotspots", "field-mixed", "field-nothing",
     "soil-static-solo", "soil-static-swarm", "soil-moving-solo", "soil-moving-swarm",
     "soil-paper-static-swarm", "soil-paper-moving-swarm",
     "mixed-frames", "mixed-frames-moving", "mixed-frames-rough", "no-gnss", "no-gnss-moving", "gnss-lost-midway",

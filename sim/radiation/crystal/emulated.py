@@ -21,6 +21,7 @@ from radron.agent.errors import ConfigError
 from radron.sim.radiation.concrete import concrete_attenuation_per_m
 from radron.sim.radiation.crystal.detectors import DETECTORS, STEP_KEV, detector, effective_areas
 from radron.sim.radiation.crystal.table import smeared
+from radron.sim.radiation.ground.area import AreaPose, AreaSource, flux_by_angle
 from radron.sim.radiation.ground.bank import group_energies_kev
 from radron.sim.radiation.ground.field import natural_flux, point_field
 from radron.sim.radiation.ground.photons import AROUND, GROUPS, TOWARDS
@@ -92,10 +93,17 @@ class Ordinary:
         rng: the detector's own random numbers.
         clock_ns: UTC time of the start of the simulation.
         ground: the ground below the drone.
+        areas: contaminated parts of the ground, of some of these nuclides.
     """
 
     def __init__(
-        self, truth: OrdinaryTruth, nuclides: Sequence[str], rng: np.random.Generator, clock_ns: int, ground: GroundTruth
+        self,
+        truth: OrdinaryTruth,
+        nuclides: Sequence[str],
+        rng: np.random.Generator,
+        clock_ns: int,
+        ground: GroundTruth,
+        areas: Sequence[AreaSource] = (),
     ) -> None:
         self._truth, self._rng, self._clock_ns, self._ground = truth, rng, clock_ns, ground
         groups = tuple(group_energies_kev().tolist())
@@ -104,17 +112,24 @@ class Ordinary:
         self._concrete = np.array([concrete_attenuation_per_m(energy) for energy in groups])
         self._first = nuclides[0]
         self._lines = {name: nuclide(name).lines for name in nuclides}
+        self._contaminated = areas
         self._direct = {name: areas_m2(truth, tuple(energy for energy, _ in lines)) for name, lines in self._lines.items()}
 
-    def expose(self, start_ns: int, end_ns: int, views: Sequence[SourceView], height_m: float) -> Readout:
+    def expose(
+        self, start_ns: int, end_ns: int, views: Sequence[SourceView], height_m: float, pose: AreaPose | None = None
+    ) -> Readout:
         """Return the counts from ``start_ns`` until before ``end_ns`` (UTC), Poisson distributed, with the live time.
 
         ``views``: the sources, which do not move relative to the detector meanwhile. ``height_m``: above the ground below it.
+        ``pose``: of the detector, whose place counts for contaminated ground; without it none is seen.
         """
         flux = self._ground.natural * natural_flux(self._ground.kind, height_m)
         rates = np.zeros(DEVICE_CHANNELS)
         for view in views:
             rates += self._from_source(view, flux)
+        if pose is not None:
+            for area in self._contaminated:
+                rates += self._from_area(area, pose, flux)
         rates = self._truth.efficiency * (rates + flux @ self._around)
         span_s = (end_ns - start_ns) * 1e-9
         live_s = span_s / (1.0 + float(rates.sum()) * 1e-6 * self._truth.dead_time_us)
@@ -139,6 +154,14 @@ class Ordinary:
         around += scattered[AROUND]
         towards = scattered[TOWARDS] * np.exp(-self._concrete * view.concrete_m)
         return np.asarray(per_m2 * lines @ self._direct[name].at(angle_deg) + towards @ self._groups.at(angle_deg))
+
+    def _from_area(self, area: AreaSource, pose: AreaPose, around: FloatArray) -> FloatArray:
+        """Rates (R,) of photons from the side of a contaminated area; its others are added to ``around``."""
+        offset = (self._rng.random(), self._rng.random())
+        straight, towards, others = flux_by_angle(area, self._ground, pose.position_m, offset, ANGLES_DEG)
+        around += others
+        direct, groups = self._direct[area.nuclide].by_angle, self._groups.by_angle
+        return np.asarray(np.einsum("al,alr->r", straight, direct) + np.einsum("ag,agr->r", towards, groups))
 
 
 @cache

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from radron.sim.radiation.concrete import concrete_attenuation_per_m
-from radron.sim.radiation.emission import FROM_ALL_DIRECTIONS, Pool
+from radron.sim.radiation.emission import FROM_ALL_DIRECTIONS, IntArray, Pool
 from radron.sim.radiation.ground.bank import DIRECTIONS, ISOTROPIC, direction_of, ground_bank, group_energies_kev
 from radron.sim.radiation.ground.field import FloatArray, natural_flux, point_field, rain_flux
 from radron.sim.radiation.ground.photons import AROUND, GROUPS, TOWARDS
@@ -18,6 +18,7 @@ from radron.sim.radiation.truth import CameraTruth, GroundTruth
 
 if TYPE_CHECKING:
     from radron.sim.radiation.camera import SourceView
+    from radron.sim.radiation.ground.area import AreaView
     from radron.sim.radiation.individual import Individual
 
 MIN_DISTANCE_M = 0.05
@@ -30,9 +31,9 @@ class Around(NamedTuple):
     rows and columns), and a rate of events (1/s).
     """
 
-    bins: list[int]
-    symmetries: list[int]
-    rates: list[float]
+    bins: IntArray
+    symmetries: IntArray
+    rates: FloatArray
 
 
 class AroundCamera(Pool):
@@ -45,12 +46,20 @@ class AroundCamera(Pool):
         self._concrete = np.array([concrete_attenuation_per_m(energy) for energy in group_energies_kev().tolist()])
 
     def rates(
-        self, views: Sequence[SourceView], own: Individual, drift: float, height_m: float, time_s: float, first_nuclide: str
+        self,
+        views: Sequence[SourceView],
+        areas: Sequence[AreaView],
+        own: Individual,
+        drift: float,
+        height_m: float,
+        time_s: float,
+        first_nuclide: str,
     ) -> Around:
         """Return the rates of photons that the ground scatters from all sources, and of the ground's own photons.
 
         Args:
             views: the sources.
+            areas: contaminated parts of the ground.
             own: deviations of this camera from the assumed one.
             drift: factor on the ground's own photons.
             height_m: height of the camera above the ground.
@@ -75,9 +84,15 @@ class AroundCamera(Pool):
             places.append(place)
             symmetries.append(symmetry)
             rates.append(towards)
+        for area in areas:
+            around += 1e-6 * area.around
+            turns, sides = np.nonzero(area.towards.any(axis=2))
+            places += sides.tolist()
+            symmetries += turns.tolist()
+            rates.append((1e-6 * area.towards[turns, sides] * self._area[sides]).ravel())
         bins = np.add.outer([*(place * GROUPS for place in places), ISOTROPIC * GROUPS], np.arange(GROUPS)).ravel()
         every = np.concatenate([*rates, around * self._area[ISOTROPIC]])
-        return Around(bins.tolist(), np.repeat([*symmetries, FROM_ALL_DIRECTIONS], GROUPS).tolist(), every.tolist())
+        return Around(bins, np.repeat([*symmetries, FROM_ALL_DIRECTIONS], GROUPS), every)
 
     def _natural_flux(self, height_m: float, time_s: float) -> FloatArray:
         """(GROUPS,) per m2 and s."""
