@@ -27,6 +27,7 @@ from radron.agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.focus import focus, have_had_turns, looks
 from radron.agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
+from radron.agent.navigation.mapping import Block, Lanes, MapSurvey, map_conclusion
 from radron.agent.navigation.moment import Moment
 from radron.agent.navigation.navigator import Navigator
 from radron.agent.navigation.peers.newest import Peers
@@ -75,8 +76,10 @@ class Executive:
         can_lose = mission.fusion.estimator != "given"
         self._mission, self._aloft = Mission(mission.track, mission.survey, can_lose, mission.area.floor_m), Aloft()
         frames, fusion = world.frames.graph, world.fusion
-        self._search = Search(mission, drone.id, frames)
-        self._coverage = CoverageLog(mission.survey.lane_spacing_m)
+        self._search: Lanes = Search(mission, drone.id, frames)
+        if self._maps:
+            self._search = MapSurvey(mission, drone.id, frames, self._blocks)
+        self._coverage = CoverageLog(self._search.swath_m)
         self.prospect = Prospect(lambda: fusion.outlook)
         informed = InformedSearch(mission, self.prospect)
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
@@ -136,8 +139,9 @@ class Executive:
             return refused
         if action is Action.START and self._own.vehicle is not None:
             self._navigator.take_off(self._own.vehicle)
-            self._coverage, self.finding = CoverageLog(self._coverage.swath_m), ""
+            self.finding = ""
             self._begin(started_ns)
+            self._coverage = CoverageLog(self._search.swath_m)
         return None
 
     def revoke(self) -> None:
@@ -212,6 +216,15 @@ class Executive:
         return self._decide(now_ns, peers)
 
     @property
+    def _maps(self) -> bool:
+        """Whether the mission is a map of contaminated ground."""
+        return self._config.survey.strategy == "map"
+
+    def _blocks(self) -> tuple[Block, ...]:
+        """The swarm's map of contaminated ground; empty without one."""
+        return ()
+
+    @property
     def _way_home_s(self) -> float:
         """Duration of the straight way home, s; 0 if not known."""
         vehicle, home = self._own.vehicle, self._navigator.home.in_local
@@ -278,11 +291,13 @@ class Executive:
         return self._own.is_lost or self._own.is_displaced
 
     def _searches_on(self, hypothesis: Hypothesis | None, now_ns: int) -> bool:
-        """Whether to search for further sources. The search continues until all of the area is covered. It resumes once each
-        source has had its turn, while the exclusion leaves room for a source, or at once where a search cue leads to one. It ends
-        with its time, and pauses during a verification pass, and while drones without a link may circle: a drone leaving the
-        circle could meet them.
+        """Whether to search for further sources: for a map always. The search continues until all of the area is covered. It
+        resumes once each source has had its turn, while the exclusion leaves room for a source, or at once where a search cue
+        leads to one. It ends with its time, and pauses during a verification pass, and while drones without a link may circle: a
+        drone leaving the circle could meet them.
         """
+        if self._maps:
+            return True
         absence = self._navigator.absence
         if absence is not None and absence.may_circle:
             return False
@@ -324,8 +339,12 @@ class Executive:
         return frozenset(name for name, newest_ns in self._world.fusion.log.publishers.items() if newest_ns >= since_ns)
 
     def _conclude(self, now_ns: int) -> None:
-        """Note that the search has ended without a source, until one is found."""
-        if self._world.fusion.hypothesis is not None:
+        """Note that the search has ended without a source, until one is found; or that the map is complete."""
+        if self._maps:
+            if self.stage is Stage.SURVEY and not self.finding:
+                searched_s = self._mission.flight.searched_s(now_ns)
+                self.finding = map_conclusion(self._config.survey, searched_s, self._search.is_complete, self._blocks())
+        elif self._world.fusion.hypothesis is not None:
             self.finding = ""
         elif self.stage is Stage.SURVEY:
             found = conclusion(self._config, self._mission.flight.searched_s(now_ns), self.prospect.at(now_ns))
@@ -349,6 +368,8 @@ class Executive:
         if self._navigator.waits:
             self._counters["waited_without_frame"] += 1
         searched = None
+        if self._coverage.swath_m != self._search.swath_m:  # other lanes: the path so far does not count for them
+            self._coverage = CoverageLog(self._search.swath_m)
         if self.stage is Stage.SURVEY:
             searched = self._coverage.add(now_ns, vehicle.epoch, vehicle.position_m[:2])
         return Decision(VehicleCommand(request, setpoint, height_m), plan, searched)

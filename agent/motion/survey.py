@@ -101,7 +101,7 @@ def covered(coverage: Sequence[Swath]) -> Area:
     return union
 
 
-def left(area: Polygon, done: Area, swath_m: float) -> Area:
+def left(area: Area, done: Area, swath_m: float) -> Area:
     """Return the part of the area that is not ``done``, without slivers that are thin compared to the width of a strip; may be
     empty.
     """

@@ -16,11 +16,12 @@ from radron.agent.motion.reference import PeerState, Reference
 from radron.agent.motion.separation import PeerPlan
 from radron.agent.navigation.circling import Circling
 from radron.agent.navigation.home import Home
+from radron.agent.navigation.mapping import Lanes
 from radron.agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
 from radron.agent.navigation.neighbours import Neighbour
 from radron.agent.navigation.ownground import OwnGround
 from radron.agent.navigation.peers.bearings import freest_bearing
-from radron.agent.navigation.surveying import InformedSearch, Search
+from radron.agent.navigation.surveying import InformedSearch
 from radron.agent.navigation.unheard.absence import Absence
 from radron.agent.navigation.unheard.contact import Circle
 from radron.agent.navigation.unheard.crossing import WayHome, climb_s, crossing_height_m
@@ -52,7 +53,7 @@ class Guidance:
         own: OwnPose,
         ground: OwnGround,
         home: Home,
-        search: Search,
+        search: Lanes,
         informed: InformedSearch,
     ) -> None:
         self._config = mission
@@ -195,7 +196,8 @@ class Guidance:
         placed = to_local.apply(np.column_stack((positions, level)))
         moving = to_local.rotate(np.column_stack((velocities, level)))
         is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # its vehicle flew there while its agent was down
-        placed[:, 2] = self._over_z_m(moment) if is_beyond else self._survey_z_m(moment)
+        lanes_z_m = self._ground.level_m(moment.vehicle) + self._search.height_m
+        placed[:, 2] = self._over_z_m(moment) if is_beyond else lanes_z_m
         return Reference(placed, moving, STEP_S)
 
     def circles_of_others(

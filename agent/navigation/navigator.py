@@ -19,6 +19,7 @@ from radron.agent.motion.tracker import Tracker, TrackerPlan
 from radron.agent.navigation.guidance import Guidance
 from radron.agent.navigation.home import Home, KeptHome
 from radron.agent.navigation.identification import ResponseEstimator
+from radron.agent.navigation.mapping import Lanes
 from radron.agent.navigation.moment import HORIZON, STEP_S, Centre, Moment
 from radron.agent.navigation.myself import Self
 from radron.agent.navigation.neighbours import Neighbourhood
@@ -28,7 +29,7 @@ from radron.agent.navigation.passing import passing
 from radron.agent.navigation.peers.bearings import seen_bearings
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.reckoning import Reckoning
-from radron.agent.navigation.surveying import InformedSearch, Search
+from radron.agent.navigation.surveying import InformedSearch
 from radron.agent.navigation.unheard.absence import Absence
 from radron.agent.navigation.unheard.contact import SILENT_NS, Wall
 from radron.agent.navigation.unheard.lastnews import LastNews
@@ -57,7 +58,7 @@ class Navigator:
         drone: DroneConfig,
         own: OwnPose,
         frames: FrameGraph,
-        search: Search,
+        search: Lanes,
         informed: InformedSearch,
         measured: Callable[[int], Collection[str]],
     ) -> None:

@@ -43,14 +43,28 @@ class Search:
     the search alike. Mission frame throughout.
     """
 
-    def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph) -> None:
-        """Begin for one drone of a mission, without any known coverage."""
+    def __init__(
+        self,
+        mission: MissionConfig,
+        drone: str,
+        frames: FrameGraph,
+        spacing_m: float | None = None,
+        height_m: float | None = None,
+    ) -> None:
+        """Begin for one drone of a mission, without any known coverage.
+
+        ``spacing_m``: largest distance between lanes, and width that each covers; ``height_m``: of the flight above the ground;
+        None: the mission's. Coverage of another width does not count.
+        """
         self._area = Polygon(mission.area.polygon_m)
+        self._region: Area = self._area  # to be covered
         self._survey = mission.survey
+        self.swath_m = mission.survey.lane_spacing_m if spacing_m is None else spacing_m
+        self.height_m = mission.survey.height_m if height_m is None else height_m
         self._drone = drone
         self._frames, self._revision = frames, frames.revision
         longest_m = _LONGEST_SHARE * COVERAGE_S * max(mission.limits.speed_mps, mission.survey.speed_mps) + POINT_M
-        self._covered = Covered(self._path_of, mission.survey.lane_spacing_m, longest_m)
+        self._covered = Covered(self._path_of, self.swath_m, longest_m)
         self._launch: dict[str, Point2] = {one.id: (one.origin_m[0], one.origin_m[1]) for one in mission.drones}
         self._shared_by: tuple[str, ...] = ()
         self._follower: PathFollower | None = None
@@ -64,6 +78,10 @@ class Search:
         """Begin a mission: only coverage since its start counts."""
         self._covered.begin(started_ns)
         self._follower, self._judged, self.is_complete = None, False, False
+
+    def restrict(self, region: Area) -> None:
+        """Cover this part of the area only."""
+        self._region, self._follower, self._judged, self.is_complete = region, None, False, False
 
     def take(self, entry: Coverage) -> None:
         """Add a new entry of the log, in any order."""
@@ -115,7 +133,7 @@ class Search:
             self._judged, self.is_complete = True, self._left().is_empty
 
     def _left(self) -> Area:
-        return left(self._area, self._covered.area, self._survey.lane_spacing_m)
+        return left(self._region, self._covered.area, self.swath_m)
 
     def _path_of(self, coverage: Coverage) -> Path | None:
         transform = self._frames.mission_from_local(coverage.drone, coverage.epoch, coverage.stamp_ns)
@@ -126,10 +144,9 @@ class Search:
     def _divide(self, active: Sequence[str], position: Point2) -> PathFollower:
         self._again = self._again or self._covered.pending
         ends = {drone: self._covered.end(drone) or self._launch[drone] for drone in active}  # positions that all drones know
-        spacing_m = self._survey.lane_spacing_m
-        path = survey_path(self._area, self._left(), self._drone, active, spacing_m, ends)
+        path = survey_path(self._area, self._left(), self._drone, active, self.swath_m, ends)
         if len(path) == 0:  # all is covered without a source: start again
-            path = survey_path(self._area, self._area, self._drone, active, spacing_m, ends)
+            path = survey_path(self._area, self._region, self._drone, active, self.swath_m, ends)
         return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
 
 

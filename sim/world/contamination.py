@@ -38,10 +38,11 @@ class Contaminated:
     spots: tuple[Source, ...] = ()
 
     @property
-    def extent_m(self) -> float:
-        """Diameter of the part in which the activity exceeds half of its highest value, as of a disc of equal area."""
-        half = np.count_nonzero(self.source.activity_bq > 0.5 * self.source.activity_bq.max())
-        return 2.0 * self.source.cell_m * math.sqrt(half / math.pi)
+    def reach_m(self) -> float:
+        """Largest extent, east or north, of the places above half of the highest activity."""
+        above = self.source.activity_bq > 0.5 * self.source.activity_bq.max()
+        x, y = self.source.x_m[above], self.source.y_m[above]
+        return float(max(np.ptp(x), np.ptp(y))) + self.source.cell_m
 
 
 def contaminated_ground(scenario: Scenario, random: Streams) -> tuple[Contaminated, ...]:

@@ -1,0 +1,147 @@
+"""Survey of contaminated ground for a map: lanes over the area, then low lanes over its hot blocks; and its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Union
+
+import numpy as np
+import shapely
+from msgspec import Struct
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from radron.agent.config.mission import MissionConfig, SurveyConfig
+from radron.agent.frames.graph import FrameGraph
+from radron.agent.geometry import Point2
+from radron.agent.motion.survey import Area
+from radron.agent.navigation.surveying import Search
+from radron.protocol.entries import Coverage
+
+_HOT_SHARE = 0.5  # of the highest block: low lanes are flown over blocks above it
+
+
+class Block(Struct, frozen=True):
+    """A square block of a map, mission frame. median, low, high: activity per area and its 5 % and 95 % quantiles, Bq/m2."""
+
+    corner_m: Point2
+    side_m: float
+    median: float
+    low: float
+    high: float
+
+
+Lanes = Union[Search, "MapSurvey"]  # how a survey flies lanes
+
+
+def hot_blocks(blocks: Sequence[Block]) -> list[Block]:
+    """Return the blocks above half of the highest one that certainly are contaminated."""
+    highest = max((block.median for block in blocks), default=0.0)
+    return [block for block in blocks if block.low > 0.0 and block.median > _HOT_SHARE * highest]
+
+
+def uncertainty(blocks: Sequence[Block]) -> float | None:
+    """Return the median of the hot blocks' relative uncertainties (half of the 90 % interval); None without a hot block."""
+    hot = [0.5 * (block.high - block.low) / block.median for block in hot_blocks(blocks)]
+    return float(np.median(hot)) if hot else None
+
+
+class MapSurvey:
+    """Lanes over the whole area at the height of the survey; after these, low lanes over the hot blocks of the swarm's map.
+
+    Both are a ``Search``, which divides what is left among the living drones. They count their own coverage alone, because the
+    widths of their lanes differ. The hot blocks are those at the time at which the first lanes are complete: drones with the same
+    log have the same ones, and where logs differ, some lanes are flown twice.
+    """
+
+    def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph, blocks: Callable[[], Sequence[Block]]) -> None:
+        """``blocks``: the present map; empty before there is one."""
+        survey = mission.survey
+        self._area = Polygon(mission.area.polygon_m)
+        self._blocks = blocks
+        self._wide = Search(mission, drone, frames)
+        self._low: Search | None = None
+        if survey.low_height_m is not None:
+            spacing_m = survey.lane_spacing_m * survey.low_height_m / survey.height_m
+            self._low = Search(mission, drone, frames, spacing_m, survey.low_height_m)
+        self._is_low = False
+
+    @property
+    def _now(self) -> Search:
+        return self._low if self._low is not None and self._is_low else self._wide
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all lanes have been flown, the low ones too where there are hot blocks."""
+        return self._now.is_complete and (self._is_low or self._low is None or not hot_blocks(self._blocks()))
+
+    @property
+    def swath_m(self) -> float:
+        """Width covered along the present lanes."""
+        return self._now.swath_m
+
+    @property
+    def height_m(self) -> float:
+        """Height of the present lanes above the ground."""
+        return self._now.height_m
+
+    def begin(self, started_ns: int) -> None:
+        """Begin a mission: only coverage since its start counts."""
+        self._is_low = False
+        for search in self._both:
+            search.begin(started_ns)
+
+    def take(self, entry: Coverage) -> None:
+        """Add a new entry of the log, in any order."""
+        for search in self._both:
+            search.take(entry)
+
+    def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
+        """Count only these entries of a drone."""
+        counted = list(entries)
+        for search in self._both:
+            search.recount(drone, counted)
+
+    def divide_anew(self) -> None:
+        """Discard the present division, once all known coverage is counted."""
+        self._now.divide_anew()
+
+    def reference(
+        self, active: Sequence[str], position: Point2, steps: int, step_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the positions and velocities (steps + 1, 2) to follow from here, as ``Search.reference``."""
+        if self._low is not None and not self._is_low and self._wide.is_complete:
+            self._go_low(self._low)
+        return self._now.reference(active, position, steps, step_s)
+
+    def _go_low(self, low: Search) -> None:
+        hot = hot_blocks(self._blocks())
+        region: Area = shapely.union_all([_square(block) for block in hot]).intersection(self._area)
+        if not region.is_empty:
+            low.restrict(region)
+            self._is_low = True
+
+    @property
+    def _both(self) -> tuple[Search, ...]:
+        return (self._wide,) if self._low is None else (self._wide, self._low)
+
+
+def _square(block: Block) -> Polygon:
+    (x, y), side = block.corner_m, block.side_m
+    return Polygon([(x, y), (x + side, y), (x + side, y + side), (x, y + side)])
+
+
+def map_conclusion(survey: SurveyConfig, searched_s: float, is_complete: bool, blocks: Sequence[Block]) -> str:
+    """Return the end of a survey for a map in words; "" while it continues.
+
+    It ends with its time, with the uncertainty that the mission asks for, or, without either, when all lanes have been flown.
+    """
+    reached = uncertainty(blocks)
+    if survey.block_uncertainty is not None and is_complete and reached is not None and reached <= survey.block_uncertainty:
+        return f"mapped in {searched_s:.0f} s; highest blocks known to {100.0 * reached:.0f} %"
+    if survey.duration_s is not None and searched_s >= survey.duration_s:
+        known = "" if reached is None else f"; highest blocks known to {100.0 * reached:.0f} %"
+        return f"mapped for {searched_s:.0f} s{known}"
+    if survey.duration_s is None and survey.block_uncertainty is None and is_complete:
+        return f"mapped in {searched_s:.0f} s; all lanes flown"
+    return ""
