@@ -6,7 +6,8 @@ from math import inf
 
 from msgspec.structs import replace
 
-from radron.agent.config.mission import SurveyConfig, TrackConfig
+from radron.agent.config.mission import TrackConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.lasting import since
 from radron.agent.mission.authority import MODES, Authority, View, is_cut_short, is_elsewhere, is_failsafe
 from radron.agent.mission.authority import Event as Handover

@@ -11,7 +11,8 @@ from msgspec import Struct
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from radron.agent.config.mission import MissionConfig, SurveyConfig
+from radron.agent.config.mission import MissionConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.geometry import Point2
 from radron.agent.motion.survey import Area

@@ -11,7 +11,8 @@ from msgspec.structs import replace
 
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.estimators import FusionConfig
-from radron.agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
+from radron.agent.config.mission import DroneInMission, MissionConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.detector.readout import PixelHits, Readout
 from radron.agent.errors import ConfigError
 from radron.agent.pilot import Pilot

@@ -5,7 +5,8 @@ from math import inf
 import pytest
 from msgspec.structs import replace
 
-from radron.agent.config.mission import SurveyConfig, TrackConfig
+from radron.agent.config.mission import TrackConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
 from radron.agent.mission.transitions import Event
 from radron.agent.motion.reference import PeerState

@@ -4,7 +4,8 @@ import pytest
 from msgspec.structs import replace
 from shapely import LineString, Polygon, box
 
-from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SurveyConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.errors import ConfigError
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.navigation.mapping import Block, MapSurvey, hot_blocks, map_conclusion, uncertainty

@@ -6,7 +6,8 @@ import pytest
 from msgspec.structs import replace
 from shapely import LineString, Polygon
 
-from radron.agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig, SurveyConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, MissionConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.fusion.estimator import Exclusion, Outlook
 from radron.agent.navigation import covered as covered_module

@@ -5,7 +5,8 @@ import math
 
 import pytest
 
-from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SurveyConfig
+from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.protocol.entries import Coverage
 from radron.station.findings.facts import Source, facts_of
 from radron.station.findings.html import report_html

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from radron.agent.config.buildings import BuildingConfig, BuildingsConfig
-from radron.agent.config.mission import SurveyConfig
+from radron.agent.config.survey import SurveyConfig
 from support.flights.fusions import fusion_of
 
 LEAST_BQ = 5e7

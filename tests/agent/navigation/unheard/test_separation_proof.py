@@ -9,15 +9,8 @@ import shapely
 from msgspec.structs import replace
 
 from radron.agent.config.drone import ResponseConfig
-from radron.agent.config.mission import (
-    AreaConfig,
-    DroneInMission,
-    EncirclementConfig,
-    LimitsConfig,
-    MissionConfig,
-    SafetyConfig,
-    SurveyConfig,
-)
+from radron.agent.config.mission import AreaConfig, DroneInMission, EncirclementConfig, LimitsConfig, MissionConfig, SafetyConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.frames.transform import Transform
 from radron.agent.motion import climbing, orbit, separation, steering
 from radron.agent.motion.braking import comes_to_rest

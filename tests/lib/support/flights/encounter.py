@@ -11,7 +11,8 @@ from math import cos, dist, pi, sin
 import numpy as np
 import shapely
 
-from radron.agent.config.mission import LimitsConfig, SurveyConfig
+from radron.agent.config.mission import LimitsConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.geometry import Array
 from radron.agent.motion.fence import Fence
 from radron.agent.motion.reference import PeerState, Reference
