@@ -171,8 +171,13 @@ class Camera:
         count = int(rng.poisson(cumulative[-1] * span_s))
         if count == 0:
             return self._stamped(self._electronics.empty(start_ns, end_ns))
-        columns = (np.concatenate([part[column] for part in parts]).astype(np.int64) for column in range(3))
-        origins = Origins(cumulative, *columns, self._excess(excess, [area for _, area in areas]))
+        origins = Origins(
+            cumulative,
+            np.concatenate([part.bins for part in parts]).astype(np.int64),
+            np.concatenate([part.nuclide for part in parts]).astype(np.int64),
+            np.concatenate([part.symmetries for part in parts]).astype(np.int64),
+            self._excess(excess, [area for _, area in areas]),
+        )
         return self._stamped(self._record(start_ns, end_ns, rng.random((count, 5)), origins))
 
     def _excess(self, of_views: NDArray[np.float64], areas: Sequence[AreaView]) -> NDArray[np.float64]:

@@ -85,7 +85,7 @@ def _cells(truth: ContaminationTruth, share: Shape, bounds: Sequence[float], cel
 
 
 def _middles(low: float, high: float, cell_m: float) -> Array:
-    return low + (np.arange(math.ceil((high - low) / cell_m - 1e-9)) + 0.5) * cell_m
+    return np.asarray(low + (np.arange(math.ceil((high - low) / cell_m - 1e-9)) + 0.5) * cell_m, np.float64)
 
 
 def _uniform(whole: Polygon) -> Shape:

@@ -56,7 +56,7 @@ class CameraMount:
     def camera_from_world(self, world_from_body: Quaternion) -> Array:
         """Return the rotation (3, 3) from the world to the camera frame. ``world_from_body``: attitude of the vehicle."""
         axes = [_turn_back(world_from_body, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
-        return np.array(self._camera_from_body) @ np.array(axes).T
+        return np.asarray(np.array(self._camera_from_body) @ np.array(axes).T)
 
     def view(self, position: Array, world_from_body: Quaternion, source: Vector3, activity_bq: float) -> SourceView:
         """Return the source as the camera sees it, from the true positions of camera (3,) and source in the world.
