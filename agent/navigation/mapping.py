@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from radron.agent.config.mission import MissionConfig
-from radron.agent.config.survey import SurveyConfig
+from radron.agent.config.survey import MAPPED, SurveyConfig
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.geometry import Point2
 from radron.agent.motion.survey import Area
@@ -139,10 +139,10 @@ def map_conclusion(survey: SurveyConfig, searched_s: float, is_complete: bool, b
     """
     reached = uncertainty(blocks)
     if survey.block_uncertainty is not None and is_complete and reached is not None and reached <= survey.block_uncertainty:
-        return f"mapped in {searched_s:.0f} s; highest blocks known to {100.0 * reached:.0f} %"
+        return f"{MAPPED} in {searched_s:.0f} s; highest blocks known to {100.0 * reached:.0f} %"
     if survey.duration_s is not None and searched_s >= survey.duration_s:
         known = "" if reached is None else f"; highest blocks known to {100.0 * reached:.0f} %"
-        return f"mapped for {searched_s:.0f} s{known}"
+        return f"{MAPPED} for {searched_s:.0f} s{known}"
     if survey.duration_s is None and survey.block_uncertainty is None and is_complete:
-        return f"mapped in {searched_s:.0f} s; all lanes flown"
+        return f"{MAPPED} in {searched_s:.0f} s; all lanes flown"
     return ""

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from msgspec import Struct
 
 from radron.agent.config.beyond import OUTSIDE
+from radron.agent.config.survey import MAPPED
 from radron.sim.campaign.flights import Flown
 from radron.sim.campaign.sources import sources_markdown, summarise_sources
 from radron.sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
@@ -67,6 +68,8 @@ def _without_estimate(result: RunResult, there: bool) -> str:
     excluded = "" if result.excluded_bq is None else f"{becquerels(result.excluded_bq)} or more would have been found anywhere"
     if OUTSIDE in result.finding:
         return f"The swarm tells: {result.finding}."
+    if result.finding.startswith(MAPPED):
+        return f"The swarm has {result.finding}."
     if result.nothing_found or not there:
         truth = "though there is one" if there else "and there is none"
         return f"The swarm found no source, {truth}{f'; one of {excluded}' if excluded else ''}."
