@@ -131,7 +131,9 @@ def test_a_moving_source_is_followed_without_lag(kit):
     assert np.median(speeds) == pytest.approx(1.0, abs=0.3)
 
 
-@pytest.mark.parametrize("background", [0.8, 1.0, 2.0])
+@pytest.mark.parametrize(
+    "background", [pytest.param(0.8, marks=pytest.mark.slow), 1.0, pytest.param(2.0, marks=pytest.mark.slow)]
+)
 def test_background_alone_is_no_source_however_strong_it_is(kit, background):
     mission = kit.mission_of()
     entries = entries_of(kit, mission, np.random.default_rng(7), 180.0, None, 0.0, background)
