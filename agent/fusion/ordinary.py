@@ -17,6 +17,7 @@ from math import pi
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radron.agent.config.responses import ResponseTable
 from radron.agent.detector.lines import GAMMAS
@@ -124,7 +125,7 @@ class OrdinaryCounts:
         return found
 
 
-def _place(at: Array, grid: Array) -> tuple[Array, Array]:
+def _place(at: Array, grid: Array) -> tuple[NDArray[np.intp], Array]:
     """Cell of a rising grid, and the share of the way through it, within the grid's ends."""
     low = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
     return low, np.clip((at - grid[low]) / (grid[low + 1] - grid[low]), 0.0, 1.0)
