@@ -73,6 +73,18 @@ class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
     declared_rms_m: Positive = 3.5  # largest posterior RMS at which a source is reported
 
 
+class FieldEstimatorConfig(Section, frozen=True, kw_only=True):
+    """Parameters of estimator ``field``, which maps contaminated ground.
+
+    ``reference_s``: for so long after the mission's start the drones hover over clean ground; those counts measure the background
+    alone.
+    """
+
+    reference_s: NonNegative = 0.0
+    background_sigma: Positive = 0.3  # of the logarithm of the ratio between actual and expected background
+    gain_sigma: Positive = 0.05  # relative sensitivity of a camera, 1 sigma
+
+
 class GivenHypothesisConfig(Section, frozen=True, kw_only=True):
     """A source estimate that is not measured but moves by a schedule: ``[[t_s, x, y], ...]``, for tests of the flight.
 
@@ -87,9 +99,9 @@ class FusionConfig(Section, frozen=True, kw_only=True):
     (``grid_s``).
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"sources", "ground"})  # no part of a mission's id while they have their defaults
+    later: ClassVar[frozenset[str]] = frozenset({"sources", "ground", "field"})  # no part of a mission's id while they have their defaults
 
-    estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, sources, given, or one of an installed package
+    estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, sources, field, given, or one of an installed package
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5
     # Below the sources: soil scatters photons, and sends out some of its own. Missions for real grounds state "soil". The default
     # remains the meaning of missions and flight records without this key: they are older, and keep their ids.
@@ -97,4 +109,5 @@ class FusionConfig(Section, frozen=True, kw_only=True):
     paper: PaperEstimatorConfig = PaperEstimatorConfig()
     bayes: BayesEstimatorConfig = BayesEstimatorConfig()
     sources: SourcesEstimatorConfig = SourcesEstimatorConfig()
+    field: FieldEstimatorConfig = FieldEstimatorConfig()
     given: GivenHypothesisConfig | None = None

@@ -36,7 +36,7 @@ from radron.protocol.units import DroneId, Identifier, Latitude, Longitude, Nucl
 Corner = tuple[Coordinate, Coordinate]
 SourceHeight = Annotated[float, Meta(ge=0.0, le=50.0)]
 AUTO = "auto"  # in the place of a nuclide: any
-_OF_ONE_NUCLIDE = frozenset({"bayes", "paper", "paper-geometric"})  # estimators that take all cones for that nuclide's
+_OF_ONE_NUCLIDE = frozenset({"bayes", "field", "paper", "paper-geometric"})  # estimators that take all cones for that nuclide's
 MOST_LANES = 300  # over an area: they are planned between two steps in flight (0.2 s on a desktop), again when a drone drops out
 _RETURN_SHARE = 0.9  # of the ceiling, for the highest return: heights above a launch place are good to a metre or two
 MAX_GRID_BYTES = 2_000_000  # limit of an elevation grid: 1 km2 at 1 m, compressed

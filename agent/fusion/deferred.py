@@ -16,8 +16,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from radron.agent.fusion.checkpoints import thin, undo
-from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook, contamination_of
 from radron.agent.fusion.observation import Observation
+from radron.protocol.contamination import Contamination
 
 MAX_TASK_OBSERVATIONS = 100  # in a task: its transfer takes a few milliseconds
 _WORK = 2  # of a step here, in units of ``Estimator.work``
@@ -56,10 +57,11 @@ class Task(Struct, frozen=True, eq=False):
 
 
 class Told(Struct, frozen=True, eq=False):
-    """The answer of the other process: the source estimate, and the posterior of the search."""
+    """The answer of the other process: the source estimate, the posterior of the search, and the map of contaminated ground."""
 
     hypothesis: Hypothesis | None = None
     outlook: Outlook | None = None
+    contamination: Contamination | None = None
 
 
 class Deferred:
@@ -106,6 +108,10 @@ class Deferred:
     def outlook(self, state: Link, step: GridStep) -> Outlook | None:
         """Return the newest known posterior of the search, as far as the other process has answered."""
         return self._newest(state).outlook
+
+    def contamination(self, state: Link, step: GridStep) -> Contamination | None:
+        """Return the newest known map of contaminated ground, as far as the other process has answered."""
+        return self._newest(state).contamination
 
     @property
     def waits(self) -> bool:
@@ -182,7 +188,8 @@ class Folder(Generic[S]):
             return None
         hypothesis = self._estimator.hypothesis(state, task.at)
         outlook = self._estimator.outlook(state, task.at)
-        return Told(None if hypothesis is None else _plain(hypothesis), outlook)
+        contamination = contamination_of(self._estimator, state, task.at)
+        return Told(None if hypothesis is None else _plain(hypothesis), outlook, contamination)
 
     def answer(self, deferred: Deferred, question: int) -> Told:
         """Compute all that a question (request for a source estimate) needs, and return the answer.

@@ -12,7 +12,7 @@ from radron.agent.frames.graph import FrameGraph
 from radron.agent.frames.swarm import BEFORE_START_NS
 from radron.agent.fusion.chains import NEVER, Chains
 from radron.agent.fusion.deferred import Deferred, Told
-from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook, contamination_of
 from radron.agent.fusion.lateness import Late, Latecomers
 from radron.agent.fusion.log import ObservationLog, Outcome
 from radron.agent.fusion.observation import CountObservation, known_ns, observe
@@ -20,6 +20,7 @@ from radron.agent.fusion.observations import Observations
 from radron.agent.fusion.registry import estimator_named
 from radron.agent.fusion.timeline import Timeline
 from radron.agent.geometry import Vector3
+from radron.protocol.contamination import Contamination
 from radron.protocol.entries import AnyEntry, Entry, EntryId
 
 RECOUNTED = 250  # entries that begin or cease to count in a call of ``advance``: some milliseconds
@@ -136,6 +137,11 @@ class Fusion:
         if found or self._due_step == NEVER:
             return None
         return self.estimator.outlook(self.state, self._now_step)
+
+    @property
+    def contamination(self) -> Contamination | None:
+        """The map of contaminated ground; None if there is none yet, or the estimator makes none."""
+        return None if self._due_step == NEVER else contamination_of(self.estimator, self.state, self._now_step)
 
     def place(self, identity: EntryId) -> tuple[Vector3, float] | None:
         """Return the camera's position (mission frame, m) for a log entry (signed measurement), and 1 sigma of the horizontal

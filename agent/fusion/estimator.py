@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from msgspec import Struct, field
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from radron.agent.fusion.observation import Observation
 from radron.agent.geometry import Point2
+from radron.protocol.contamination import Contamination
 from radron.protocol.entries import AnyEntry
 
 S = TypeVar("S")
@@ -188,3 +189,16 @@ class Estimator(Protocol, Generic[S]):
 
         Return None if the state has a source estimate (but see ``Outlook``), or the estimator does not search.
         """
+
+
+@runtime_checkable
+class Mapper(Protocol):
+    """An estimator that also maps contaminated ground."""
+
+    def contamination(self, state: Any, step: GridStep) -> Contamination | None:
+        """Return the map of contaminated ground of an estimator's state; None before there is one."""
+
+
+def contamination_of(estimator: Estimator[S], state: S, step: GridStep) -> Contamination | None:
+    """Return the map of contaminated ground of an estimator's state; None if there is none, or the estimator makes none."""
+    return estimator.contamination(state, step) if isinstance(estimator, Mapper) else None

@@ -29,6 +29,7 @@ def estimator_named(name: str, mission: MissionConfig) -> Estimator[Any]:
     - ``paper-geometric``: the paper's filter with the geometrically correct rule.
     - ``bayes``: the posterior from cones and counts, at rest or moving, with the poses' biases.
     - ``sources``: several sources at rest, of unknown number and nuclides, or a moving one, from spectra and cones.
+    - ``field``: contaminated ground of one nuclide, from counts.
     - ``given``: the schedule of fusion.given.
     - any other: of an installed package.
 
@@ -88,6 +89,14 @@ def _sources(mission: MissionConfig) -> Estimator[Any]:
     return FollowingEstimator(mission, Polygon(mission.area.polygon_m))
 
 
+def _field(mission: MissionConfig) -> Estimator[Any]:
+    from shapely import Polygon  # noqa: PLC0415
+
+    from radron.agent.fusion.field.estimator import FieldEstimator  # noqa: PLC0415
+
+    return FieldEstimator(mission, Polygon(mission.area.polygon_m))
+
+
 def _given(mission: MissionConfig) -> Estimator[Any]:
     from radron.agent.fusion.given import GivenEstimator  # noqa: PLC0415
     from radron.agent.terrain.ground import Ground  # noqa: PLC0415
@@ -102,7 +111,8 @@ _MAKERS: dict[str, Callable[[MissionConfig], Estimator[Any]]] = {
     "paper-geometric": lambda mission: _paper(mission, "geometric", "paper-geometric"),
     "bayes": _bayes,
     "sources": _sources,
+    "field": _field,
     "given": _given,
 }
-_SLOW = frozenset({"sources"})  # a step takes up to a second
+_SLOW = frozenset({"sources", "field"})  # a step takes up to some seconds
 ESTIMATORS: tuple[str, ...] = tuple(_MAKERS)  # of this package

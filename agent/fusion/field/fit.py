@@ -1,0 +1,220 @@
+"""Fits of contaminated ground and sources by Fisher scoring, with Laplace's evidence.
+
+With J the derivatives of the expectations lambda, w the sums' weights and P the prior's precision, a step solves
+
+    H (theta' - theta) = J' w (y - lambda) / lambda - P theta,    H = J' diag(w / lambda) J + P,
+
+and the log evidence of a fit at its maximum, with K sources, is [TK86]
+
+    ln p(y) = l - theta' P theta / 2 - ln|H| / 2 + ln|P| / 2 + sum_k (ln(density of source k) + d_k ln(2 pi) / 2).
+
+Scale and length of the ground's prior are those of the greatest evidence on a grid, by the quadratic approximation of l at the
+last step: then a pair costs one factorisation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.ndimage import gaussian_filter
+
+from radron.agent.fusion.field.model import CountModel, Priors, Solution, Spot
+from radron.agent.geometry import Array
+
+SCALES: Final = tuple(10.0 ** (0.5 * power) for power in range(6, 17))  # Bq/m2
+LENGTHS_M: Final = (8.0, 14.0, 25.0)
+BQ: Final = (1e5, 1e13)  # activities of a source, log uniform
+SIZES_M: Final = (1.5, 25.0)  # standard deviations of an extended source, log uniform
+EXPECTED: Final = 1.5  # sources
+_MAX_LOG_STEP: Final = 1.0
+_MAX_STEP_M: Final = 3.0
+_MAX_ERROR_STEP: Final = 0.3  # of scatter, places (m) and sensitivities
+HELD: Final = 1e8  # precision
+_HALVINGS: Final = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothness:
+    """Prior of the ground's activity per area: 1 sigma in Bq/m2, and correlation length."""
+
+    scale: float
+    length_m: float
+
+
+ROUGH: Final = 3.0  # scale relative to a shape
+SHAPE_FLOOR: Final = 0.05  # of its highest value
+_SMOOTHED: Final = 1.5  # cells
+FLAT: Final = Smoothness(1e6, 14.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A fit at its maximum. covariance: of the solution's vector. evidence: ln p(y), up to a constant of the data."""
+
+    solution: Solution
+    smoothness: Smoothness
+    covariance: Array
+    evidence: float
+
+
+class Problem:
+    """Fits to the sums of one model."""
+
+    def __init__(self, model: CountModel, priors: Priors, area_m2: float) -> None:
+        self.model, self._priors, self._area_m2 = model, priors, area_m2
+        modes = model.grid.modes
+        beyond = float(model.amplitude.max()) ** 2
+        self._spectra = {length: np.append(model.grid.spectrum(length), beyond) for length in LENGTHS_M}
+        self._modes = modes
+
+    def shaped(self, activity: Array) -> Problem:
+        """Return the problem with a prior of the shape of a map (N,) Bq/m2, smoothed over ``_SMOOTHED`` cells, and a floor."""
+        grid = self.model.grid
+        smooth = gaussian_filter(activity.reshape(grid.rows, grid.columns), _SMOOTHED).ravel()
+        return Problem(self.model.shaped(smooth + SHAPE_FLOOR * smooth.max()), self._priors, self._area_m2)
+
+    @property
+    def rough(self) -> Smoothness:
+        """A prior that hardly smooths a shape: with it blocks at edges have honest intervals."""
+        return Smoothness(ROUGH, LENGTHS_M[0])
+
+    def with_ground(self, solution: Solution) -> Solution:
+        """Return the solution with a contaminated area, of no activity yet."""
+        return replace(solution, ground=np.zeros(self._modes + 1))
+
+    def fitted(
+        self, start: Solution, iterations: int, smoothness: Smoothness | None = None, choices: int = 3
+    ) -> Fitted:
+        """Return the fit that begins with a solution. ``smoothness``: None: chosen at the first ``choices`` steps."""
+        solution, now = start, smoothness or FLAT
+        for iteration in range(iterations):
+            fisher, pull = self._normal(solution)
+            if smoothness is None and len(solution.ground) and iteration < choices:
+                now = self._chosen(solution, fisher, pull, now)
+                held = HELD  # the errors mean nothing before there is an activity
+            else:
+                held = 0.0
+            solution = self._stepped(solution, fisher, pull, now, held)
+        return self._judged(solution, now)
+
+    def _normal(self, solution: Solution) -> tuple[Array, Array]:
+        """Return J' W J and J' W (y - lambda + J theta) at a solution."""
+        model = self.model
+        expected, jacobian = model.expected(solution), model.jacobian(solution)
+        weight = (model.weight / expected).ravel()
+        weighted = jacobian * weight[:, None]
+        fisher = weighted.T @ jacobian
+        pull = weighted.T @ (model.counts - expected).ravel() + fisher @ solution.vector
+        return fisher, pull
+
+    def precision(self, solution: Solution, smoothness: Smoothness) -> Array:
+        """Return the prior's precision of a solution's vector."""
+        return self._priors.precision(solution, 1.0 / (smoothness.scale**2 * self._spectra[smoothness.length_m]))
+
+    def _chosen(self, solution: Solution, fisher: Array, pull: Array, now: Smoothness) -> Smoothness:
+        """Return scale and length with the greatest evidence: scales in decades first, then all neighbours."""
+        coarse = [Smoothness(scale, now.length_m) for scale in SCALES[::2]]
+        best = max(coarse, key=lambda one: self._approximate(solution, fisher, pull, one))
+        place = SCALES.index(best.scale)
+        near = SCALES[max(place - 1, 0) : place + 2]
+        return max(
+            (Smoothness(scale, length) for scale in near for length in LENGTHS_M),
+            key=lambda one: self._approximate(solution, fisher, pull, one),
+        )
+
+    def _approximate(self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness) -> float:
+        """Return the log evidence up to a constant, with the errors held: linearised, they could replace the activity."""
+        precision = self.precision(solution, smoothness)
+        factor, pull = _held(_regular(fisher + precision, solution), pull, solution, HELD)
+        mean = cho_solve(factor, pull)
+        ground = slice(0, len(solution.ground))
+        prior = np.log(np.diag(precision)[ground]).sum()
+        return float(0.5 * pull @ mean - np.log(np.diag(factor[0])).sum() + 0.5 * prior)
+
+    def _stepped(
+        self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness, held: float
+    ) -> Solution:
+        """Return the solution after a step, halved until the posterior density rises. held: precision with which scatter and
+        drones' errors are held.
+        """
+        precision = self.precision(solution, smoothness)
+        here = solution.vector
+        factor, pull = _held(_regular(fisher + precision, solution), pull, solution, held)
+        step = _limited(cho_solve(factor, pull) - here, solution)
+        before = self._density(solution, precision)
+        for _ in range(_HALVINGS):
+            after = solution.moved(here + step)
+            if self._density(after, precision) >= before:
+                return after
+            step = 0.5 * step
+        return after
+
+    def _density(self, solution: Solution, precision: Array) -> float:
+        vector = solution.vector
+        return self.model.log_likelihood(self.model.expected(solution)) - 0.5 * float(vector @ precision @ vector)
+
+    def _judged(self, solution: Solution, smoothness: Smoothness) -> Fitted:
+        precision = self.precision(solution, smoothness)
+        fisher, _ = self._normal(solution)
+        factor = cho_factor(_regular(fisher + precision, solution), lower=True)
+        covariance = cho_solve(factor, np.eye(len(fisher)))
+        of_gaussians = precision[: solution.first_spot, : solution.first_spot]
+        evidence = self._density(solution, precision) - float(np.log(np.diag(factor[0])).sum())
+        evidence += 0.5 * float(np.linalg.slogdet(of_gaussians)[1])
+        if len(solution.ground):
+            evidence -= math.log(len(SCALES) * len(LENGTHS_M))
+        evidence += sum(map(self._of_spot, solution.spots))
+        return Fitted(solution, smoothness, covariance, evidence)
+
+    def _of_spot(self, spot: Spot) -> float:
+        density = math.log(EXPECTED / (self._area_m2 * math.log(BQ[1] / BQ[0])))
+        if spot.log_size is not None:
+            density -= math.log(math.log(SIZES_M[1] / SIZES_M[0]))
+        return density + 0.5 * spot.numbers * math.log(2.0 * math.pi)
+
+
+def _regular(matrix: Array, solution: Solution) -> Array:
+    """Return the matrix with a weak prior of 30 m, or a factor of e^3, on each number of a source."""
+    result = matrix.copy()
+    place = solution.first_spot
+    for spot in solution.spots:
+        sigma = np.array([30.0, 30.0, 3.0, 1.0][: spot.numbers])
+        numbers = range(place, place + spot.numbers)
+        result[numbers, numbers] += sigma**-2.0
+        place += spot.numbers
+    return result
+
+
+def _held(matrix: Array, pull: Array, solution: Solution, precision: float) -> tuple[tuple[Array, bool], Array]:
+    """Return the factor of a normal matrix, and its right side, with scatter and drones' errors held with this precision."""
+    errors = np.arange(len(solution.ground) + len(solution.background), solution.first_spot)
+    result = matrix.copy()
+    result[errors, errors] += precision
+    side = pull.copy()
+    side[errors] += precision * solution.vector[errors]
+    return cho_factor(result, lower=True), side
+
+
+def _limited(step: Array, solution: Solution) -> Array:
+    """Return the step with the steps of sources limited."""
+    result, place = step.copy(), solution.first_spot
+    for spot in solution.spots:
+        most = np.array([_MAX_STEP_M, _MAX_STEP_M, _MAX_LOG_STEP, 0.5])[: spot.numbers]
+        result[place : place + spot.numbers] = np.clip(step[place : place + spot.numbers], -most, most)
+        place += spot.numbers
+    errors = slice(len(solution.ground) + len(solution.background), solution.first_spot)
+    result[errors] = np.clip(step[errors], -_MAX_ERROR_STEP, _MAX_ERROR_STEP)
+    return result
+
+
+def total(fitted: Fitted, weights: Sequence[Array] | Array) -> tuple[Array, Array]:
+    """Return mean (B,) and covariance (B, B) of linear functions (B, K) of the ground's numbers."""
+    table = np.asarray(weights)
+    ground = slice(0, len(fitted.solution.ground))
+    covariance: Array = table @ fitted.covariance[ground, ground] @ table.T
+    return table @ fitted.solution.ground, covariance

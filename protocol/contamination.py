@@ -1,0 +1,74 @@
+"""Contaminated ground as an estimator has mapped it: what is there, how much of it, and the dose rate above it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from radron.protocol.units import Metres, Nuclide, Position, PositiveMetres
+
+MAX_BLOCKS = 4096  # 64 x 64
+MAX_LEVEL = 10_000  # of the integers in a map
+
+Level = Annotated[int, Meta(ge=0, le=MAX_LEVEL)]
+Levels = Annotated[tuple[Level, ...], Meta(min_length=1, max_length=MAX_BLOCKS)]
+Quantity = Annotated[float, Meta(ge=0.0, le=1e18)]
+Evidence = Annotated[float, Meta(ge=-1e9, le=1e9)]
+
+
+class Finding(StrEnum):
+    """The kind of contamination that explains the counts best."""
+
+    NOTHING = "nothing"
+    POINTS = "points"
+    EXTENDED = "extended source"
+    AREA = "area"
+    AREA_AND_SPOTS = "area with hot spots"
+
+
+class Range(Struct, frozen=True, array_like=True):
+    """A quantity: its median, and the 5 % and 95 % quantiles."""
+
+    median: Quantity
+    low: Quantity
+    high: Quantity
+
+
+class Contamination(Struct, frozen=True, kw_only=True):
+    """Activity per area of the ground, of one nuclide, in square blocks; surface-equivalent: as if nothing lay deeper.
+
+    ``finding``: the decision; ``evidences``: by decision, the natural logarithm of the likelihood ratio to nothing. ``total_bq``:
+    activity of the whole area, without that of point sources. ``least_bqm2``: uniform contamination below it cannot be told from
+    background. ``corner_m``: south-western corner of the first block, mission frame; ``block_m``: its side; ``across``: number of
+    blocks from west to east. ``unit_bqm2``: unit of the blocks' medians, 5 % and 95 % quantiles, which run from west to east and
+    then north; a block outside of the area is 0 throughout. ``highest_bqm2``: the highest block, with its middle
+    ``highest_m``. ``dose_svph``: the highest ambient dose equivalent rate H*(10) one metre above ground, Sv/h, without the
+    natural one, at ``dose_m``.
+    """
+
+    nuclide: Nuclide
+    finding: Finding
+    evidences: Annotated[dict[Finding, Evidence], Meta(max_length=len(Finding))]
+    total_bq: Range
+    least_bqm2: Quantity
+    corner_m: tuple[Metres, Metres]
+    block_m: PositiveMetres
+    across: Annotated[int, Meta(ge=1, le=MAX_BLOCKS)]
+    unit_bqm2: Quantity
+    median: Levels
+    low: Levels
+    high: Levels
+    highest_bqm2: Range
+    highest_m: Position
+    dose_svph: Range
+    dose_m: Position
+
+    def flaw(self) -> str | None:
+        """Return an error text if the three maps are not of the same blocks; else None."""
+        if not len(self.median) == len(self.low) == len(self.high):
+            return "contamination: the maps of median, low and high differ in length"
+        if len(self.median) % self.across:
+            return f"contamination: {len(self.median)} blocks are no rows of {self.across}"
+        return None
