@@ -99,7 +99,9 @@ class FusionConfig(Section, frozen=True, kw_only=True):
     (``grid_s``).
     """
 
-    later: ClassVar[frozenset[str]] = frozenset({"sources", "ground", "field"})  # no part of a mission's id while they have their defaults
+    later: ClassVar[frozenset[str]] = frozenset(
+        {"sources", "ground", "field"}
+    )  # no part of a mission's id while they have their defaults
 
     estimator: Identifier = "bayes"  # paper, paper-geometric, bayes, sources, field, given, or one of an installed package
     grid_s: Annotated[float, Meta(ge=0.05, le=10.0)] = 0.5

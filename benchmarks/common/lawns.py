@@ -7,8 +7,6 @@ scattered photons over soil, and its areas of the sensor by direction.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np

@@ -18,10 +18,11 @@ from functools import lru_cache, partial
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from radron.agent.config.mission import MissionConfig
-from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook
+from radron.agent.fusion.estimator import Estimator, GridStep, Hypothesis, Outlook, contamination_of
 from radron.agent.fusion.observation import ConeObservation, Observation
 from radron.agent.fusion.registry import estimator_named
 from radron.protocol.codec import decode_from
+from radron.protocol.contamination import Contamination
 from radron.protocol.entries import Entry
 from radron.protocol.messages import AnyMessage
 from radron.protocol.signing import Signed, signed_root
@@ -103,6 +104,10 @@ class SharedFold(Generic[S]):
     def outlook(self, state: Descended[S], step: GridStep) -> Outlook | None:
         """Return the state of the search, as the estimator computes it; None without one."""
         return self._estimator.outlook(state.state, step)
+
+    def contamination(self, state: Descended[S], step: GridStep) -> Contamination | None:
+        """Return the map of contaminated ground of a state, as the estimator makes it; None for another estimator."""
+        return contamination_of(self._estimator, state.state, step)
 
     def mixture(self, state: Descended[S], stamp_ns: int) -> Any:
         """Return the Gaussian mixture of the posterior, as ``BayesEstimator`` computes it; None for another estimator."""

@@ -20,7 +20,7 @@ from radron.agent.geometry import Array
 from radron.agent.terrain.ground import Ground
 from radron.protocol.contamination import Contamination, Finding
 
-_ANEW, _REFINED = 6, 1  # steps of the linear fit
+_NOTHING, _ANEW, _REFINED = 4, 6, 1  # steps of the fits of nothing and of the ground, and of its refinement
 _MAP_ANEW, _SHAPED_ANEW = 6, 3  # steps of the map, and of the fit of its shape
 GAIN: Final = 5.0  # of log evidence, for contamination
 
@@ -38,8 +38,8 @@ class Located:
 
 @dataclass(frozen=True, eq=False)
 class Analysed:
-    """A fit with its report. level: with the same prior everywhere, for totals and tests. blocks: with a prior of the map's shape,
-    for blocks. coefficients, activity: of the map without negative activity, (N,) Bq/m2. located: sources.
+    """A fit with its report. level: with the same prior everywhere, for totals and tests. blocks: with a prior of the shape of
+    the map, for blocks. coefficients, activity: of the map without negative activity, (N,) Bq/m2. located: sources.
     """
 
     level: Fitted
@@ -68,7 +68,7 @@ class Analysis:
     def anew(self, sums: Sums, position_sigma_m: Sequence[float]) -> Analysed:
         """Return a fit that begins without contamination. position_sigma_m: 1 sigma of each drone's horizontal position."""
         problem = self._problem(sums, position_sigma_m)
-        nothing = problem.fitted(Solution.nothing(sums.counts.shape[1], len(position_sigma_m)), _ANEW)
+        nothing = problem.fitted(Solution.nothing(sums.counts.shape[1], len(position_sigma_m)), _NOTHING)
         level = problem.fitted(problem.with_ground(nothing.solution), _ANEW)
         positive = PositiveMap(problem.model, level)
         coefficients = positive.fitted(positive.start(), _MAP_ANEW)
@@ -80,7 +80,7 @@ class Analysis:
         """Return the fit to more measurements, by a fixed number of steps from a fit."""
         problem = self._problem(sums, position_sigma_m)
         level = problem.fitted(before.level.solution, _REFINED, before.level.smoothness)
-        nothing = problem.fitted(Solution.nothing(sums.counts.shape[1], len(position_sigma_m)), _REFINED)
+        nothing = problem.fitted(Solution.nothing(sums.counts.shape[1], len(position_sigma_m)), _NOTHING)
         shaped = problem.shaped(before.activity)
         blocks = shaped.fitted(before.blocks.solution, _REFINED, shaped.rough)
         return self._analysed(problem, level, nothing.evidence, before.coefficients, shaped, blocks)

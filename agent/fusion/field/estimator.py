@@ -29,7 +29,7 @@ from radron.protocol.contamination import Contamination
 from radron.protocol.entries import AnyEntry, Exposure
 
 REFITTED_S: Final = 10.0
-REFINED_S: Final = 2.0
+REFINED_S: Final = 5.0
 _NS: Final = 1_000_000_000
 
 

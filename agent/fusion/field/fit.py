@@ -46,6 +46,7 @@ class Smoothness:
     length_m: float
 
 
+MEAN_BQM2: Final = 1e6
 ROUGH: Final = 3.0  # scale relative to a shape
 SHAPE_FLOOR: Final = 0.05  # of its highest value
 _SMOOTHED: Final = 1.5  # cells
@@ -65,8 +66,9 @@ class Fitted:
 class Problem:
     """Fits to the sums of one model."""
 
-    def __init__(self, model: CountModel, priors: Priors, area_m2: float) -> None:
-        self.model, self._priors, self._area_m2 = model, priors, area_m2
+    def __init__(self, model: CountModel, priors: Priors, area_m2: float, mean: float = MEAN_BQM2) -> None:
+        """area_m2: of the mission's area. mean: prior 1 sigma of the mean activity, Bq/m2; so wide that the counts decide."""
+        self.model, self._priors, self._area_m2, self._mean = model, priors, area_m2, mean
         modes = model.grid.modes
         beyond = float(model.amplitude.max()) ** 2
         self._spectra = {length: np.append(model.grid.spectrum(length), beyond) for length in LENGTHS_M}
@@ -76,7 +78,7 @@ class Problem:
         """Return the problem with a prior of the shape of a map (N,) Bq/m2, smoothed over ``_SMOOTHED`` cells, and a floor."""
         grid = self.model.grid
         smooth = gaussian_filter(activity.reshape(grid.rows, grid.columns), _SMOOTHED).ravel()
-        return Problem(self.model.shaped(smooth + SHAPE_FLOOR * smooth.max()), self._priors, self._area_m2)
+        return Problem(self.model.shaped(smooth + SHAPE_FLOOR * smooth.max()), self._priors, self._area_m2, 0.0)
 
     @property
     def rough(self) -> Smoothness:
@@ -87,9 +89,7 @@ class Problem:
         """Return the solution with a contaminated area, of no activity yet."""
         return replace(solution, ground=np.zeros(self._modes + 1))
 
-    def fitted(
-        self, start: Solution, iterations: int, smoothness: Smoothness | None = None, choices: int = 3
-    ) -> Fitted:
+    def fitted(self, start: Solution, iterations: int, smoothness: Smoothness | None = None, choices: int = 3) -> Fitted:
         """Return the fit that begins with a solution. ``smoothness``: None: chosen at the first ``choices`` steps."""
         solution, now = start, smoothness or FLAT
         for iteration in range(iterations):
@@ -114,7 +114,9 @@ class Problem:
 
     def precision(self, solution: Solution, smoothness: Smoothness) -> Array:
         """Return the prior's precision of a solution's vector."""
-        return self._priors.precision(solution, 1.0 / (smoothness.scale**2 * self._spectra[smoothness.length_m]))
+        variance = smoothness.scale**2 * self._spectra[smoothness.length_m]
+        variance[0] += self._mean**2
+        return self._priors.precision(solution, 1.0 / variance)
 
     def _chosen(self, solution: Solution, fisher: Array, pull: Array, now: Smoothness) -> Smoothness:
         """Return scale and length with the greatest evidence: scales in decades first, then all neighbours."""
@@ -136,9 +138,7 @@ class Problem:
         prior = np.log(np.diag(precision)[ground]).sum()
         return float(0.5 * pull @ mean - np.log(np.diag(factor[0])).sum() + 0.5 * prior)
 
-    def _stepped(
-        self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness, held: float
-    ) -> Solution:
+    def _stepped(self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness, held: float) -> Solution:
         """Return the solution after a step, halved until the posterior density rises. held: precision with which scatter and
         drones' errors are held.
         """

@@ -49,7 +49,7 @@ class Grid:
     def around(cls, area: Polygon, cell_m: float = CELL_M, margin_m: float = MARGIN_M) -> Grid:
         """Return the grid of an area and its margin."""
         west, south, east, north = area.bounds
-        cell_m = max(cell_m, (max(east - west, north - south) + 2.0 * margin_m) / MAX_CELLS)
+        cell_m = max(cell_m, (max(east - west, north - south) + 2.0 * margin_m) / (MAX_CELLS - 3))  # parts of cells at both ends
         margin = math.ceil(margin_m / cell_m)
         columns, rows = (math.ceil((to - start) / cell_m - 1e-9) + 2 * margin for start, to in ((west, east), (south, north)))
         west, south = west - margin * cell_m, south - margin * cell_m

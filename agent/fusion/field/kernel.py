@@ -143,7 +143,9 @@ class KernelStore:
     def __init__(self, grid: Grid, detector: Detector) -> None:
         self._grid, self._detector = grid, detector
         self._place: dict[bytes, int] = {}
-        self._kept = Kernels(*(np.zeros((0, len(detector.background_ps), grid.size), np.float32) for _ in range(2)), np.zeros((2, 0, 0)))
+        self._kept = Kernels(
+            *(np.zeros((0, len(detector.background_ps), grid.size), np.float32) for _ in range(2)), np.zeros((2, 0, 0))
+        )
 
     def of(self, sums: Sums, height: Array) -> Kernels:
         """Return the kernels of these sums, and forget all others. height: (R,) above the ground, metres."""

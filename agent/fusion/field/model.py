@@ -214,7 +214,7 @@ class CountModel:
 
     @cached_property
     def _falls(self) -> Floats:
-        """(R, N) derivatives of the logarithm of a cell's counts by the drone's height, as of photons that spread from a point."""
+        """(R, N) derivatives of the logarithm of a cell's counts by the drone's height, as of photons from a point."""
         east, north = (
             np.square(self.grid.centres[:, axis].astype(np.float32) - self.sums.place[:, axis, None].astype(np.float32))
             for axis in range(2)
