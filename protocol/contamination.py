@@ -9,11 +9,10 @@ from msgspec import Meta, Struct
 
 from radron.protocol.units import Metres, Nuclide, Position, PositiveMetres
 
-MAX_BLOCKS = 4096  # 64 x 64
-MAX_LEVEL = 10_000  # of the integers in a map
+MAX_BLOCKS = 400  # an estimate with its sources stays below 4 kB
+MAX_LEVEL = 250  # of the integers in a map
 
 Level = Annotated[int, Meta(ge=0, le=MAX_LEVEL)]
-Levels = Annotated[tuple[Level, ...], Meta(min_length=1, max_length=MAX_BLOCKS)]
 Quantity = Annotated[float, Meta(ge=0.0, le=1e18)]
 Evidence = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
@@ -36,14 +35,22 @@ class Range(Struct, frozen=True, array_like=True):
     high: Quantity
 
 
+class Block(Struct, frozen=True, array_like=True):
+    """Mean activity per area of a square block, in the map's unit: its median, and the 5 % and 95 % quantiles."""
+
+    median: Level
+    low: Level
+    high: Level
+
+
 class Contamination(Struct, frozen=True, kw_only=True):
     """Activity per area of the ground, of one nuclide, in square blocks; surface-equivalent: as if nothing lay deeper.
 
     ``finding``: the decision; ``evidences``: by decision, the natural logarithm of the likelihood ratio to nothing. ``total_bq``:
     activity of the whole area, without that of point sources. ``least_bqm2``: uniform contamination below it cannot be told from
     background. ``corner_m``: south-western corner of the first block, mission frame; ``block_m``: its side; ``across``: number of
-    blocks from west to east. ``unit_bqm2``: unit of the blocks' medians, 5 % and 95 % quantiles, which run from west to east and
-    then north; a block outside of the area is 0 throughout. ``highest_bqm2``: the highest block, with its middle
+    blocks from west to east. ``blocks`` run from west to east and then north, in units of ``unit_bqm2``; a block outside of the
+    area is 0 throughout. ``highest_bqm2``: the highest block, with its middle
     ``highest_m``. ``dose_svph``: the highest ambient dose equivalent rate H*(10) one metre above ground, Sv/h, without the
     natural one, at ``dose_m``.
     """
@@ -57,18 +64,8 @@ class Contamination(Struct, frozen=True, kw_only=True):
     block_m: PositiveMetres
     across: Annotated[int, Meta(ge=1, le=MAX_BLOCKS)]
     unit_bqm2: Quantity
-    median: Levels
-    low: Levels
-    high: Levels
+    blocks: Annotated[tuple[Block, ...], Meta(min_length=1, max_length=MAX_BLOCKS)]
     highest_bqm2: Range
     highest_m: Position
     dose_svph: Range
     dose_m: Position
-
-    def flaw(self) -> str | None:
-        """Return an error text if the three maps are not of the same blocks; else None."""
-        if not len(self.median) == len(self.low) == len(self.high):
-            return "contamination: the maps of median, low and high differ in length"
-        if len(self.median) % self.across:
-            return f"contamination: {len(self.median)} blocks are no rows of {self.across}"
-        return None

@@ -21,6 +21,7 @@ from typing import Annotated
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from radron.protocol.checks import flaw_of_covariance, is_unit
+from radron.protocol.contamination import Contamination
 from radron.protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Retraction, Sighting
 from radron.protocol.message import DroneMessage, StationMessage
 from radron.protocol.revocations import Revocation, Revoked
@@ -193,14 +194,16 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     Two drones with equal digests have computed their estimates from equal log entries. ``sources``: the source that the swarm
     tracks comes first. ``excluded_bq``: by nuclide, the exclusion limit: the activity in becquerels above which further sources
     in the search area are excluded, except close to known sources that outshine them. A nuclide without such a limit is left out.
-    Only estimators of several sources publish these limits.
+    Only estimators of several sources publish these limits. ``contamination``: the map of contaminated ground, of an estimator
+    that makes one; with it there may be no sources.
     """
 
     mission: MissionId
     estimator: Identifier
     digest: Digest
-    sources: Annotated[tuple[Source, ...], Meta(min_length=1, max_length=MAX_SOURCES)]  # the tracked source first
+    sources: Annotated[tuple[Source, ...], Meta(max_length=MAX_SOURCES)]  # the tracked source first
     excluded_bq: Annotated[dict[Nuclide, Becquerels], Meta(max_length=MAX_EXCLUDED)] | UnsetType = UNSET
+    contamination: Contamination | UnsetType = UNSET
 
     def flaw(self) -> str | None:
         """Return an error text if the covariance of a source's position is not valid; else None."""

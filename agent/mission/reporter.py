@@ -14,6 +14,7 @@ from radron.agent.fusion.estimator import Exclusion, Hypothesis
 from radron.agent.navigation.peers.newest import NEWS
 from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.codec import written
+from radron.protocol.contamination import Contamination
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import key_of
 from radron.protocol.message import Message
@@ -30,17 +31,19 @@ _PERIODS_NS: dict[type[Message], int] = {
 
 
 class Believed(Struct, frozen=True, eq=False):
-    """The hypothesis, the digest of the log that it follows from, and the exclusion limit beside it, if known."""
+    """The hypothesis and the map of contaminated ground, the digest of the log that they follow from, and the exclusion limit."""
 
-    hypothesis: Hypothesis
+    hypothesis: Hypothesis | None
     digest: str
     exclusion: Exclusion | None = None
+    contamination: Contamination | None = None
 
     @classmethod
-    def of(cls, fusion: Fusion, hypothesis: Hypothesis) -> Believed:
-        """Return the present estimate of a fusion with its hypothesis."""
+    def of(cls, fusion: Fusion) -> Believed:
+        """Return the present estimate of a fusion."""
         outlook = fusion.outlook
-        return cls(hypothesis, fusion.hypothesis_digest, outlook.exclusion if outlook is not None else None)
+        exclusion = outlook.exclusion if outlook is not None else None
+        return cls(fusion.hypothesis, fusion.hypothesis_digest, exclusion, fusion.contamination)
 
 
 class Outbox:
@@ -138,15 +141,17 @@ class Reporter:
         return True
 
     def _estimate(self, now_ns: int, believed: Believed) -> Estimate:
-        hypothesis, exclusion = believed.hypothesis, believed.exclusion
+        hypothesis, exclusion, contamination = believed.hypothesis, believed.exclusion, believed.contamination
+        sources = () if hypothesis is None else (hypothesis, *hypothesis.others)
         return Estimate(
             stamp_ns=now_ns,
             drone=self._drone,
             mission=self._mission_id,
             estimator=self._estimator,
             digest=believed.digest,
-            sources=tuple(_source(one) for one in (hypothesis, *hypothesis.others)[:MAX_SOURCES]),
+            sources=tuple(_source(one) for one in sources[:MAX_SOURCES]),
             excluded_bq=exclusion.known_bq if exclusion is not None else UNSET,
+            contamination=UNSET if contamination is None else contamination,
         )
 
 

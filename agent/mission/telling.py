@@ -77,8 +77,9 @@ class Telling:
 
     def tell(self, now_ns: int) -> None:
         """Put the messages due now into the outbox; a status with its signature."""
-        frame, fusion, hypothesis = self._own.frame, self._world.fusion, self._world.fusion.hypothesis
-        believed = partial(Believed.of, fusion, hypothesis) if hypothesis is not None else None
+        frame, fusion = self._own.frame, self._world.fusion
+        has_estimate = fusion.hypothesis is not None or fusion.contamination is not None
+        believed = partial(Believed.of, fusion) if has_estimate else None
         placed = frame.mission_from_local if frame is not None else None
         stage = self._executive.remembering.stage(now_ns)
         pose_of, status_of = partial(self._pose, stage), partial(self._status, now_ns, stage)

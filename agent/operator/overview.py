@@ -136,7 +136,7 @@ class Overview:
         told: dict[str, list[str]] = {}
         for name in sorted(self._drones):
             estimate, age_s = self._drones[name].estimate, self._clock_s() - self._drones[name].heard_s
-            if estimate is not None and age_s < STALE_S:
+            if estimate is not None and estimate.sources and age_s < STALE_S:
                 told.setdefault("; ".join(map(self._source, estimate.sources)), []).append(name)
         findings = {drone.status.finding for drone in self._drones.values() if drone.status is not None} - {""}
         return [f"{', '.join(names)}: {text}" for text, names in told.items()] or sorted(findings) or ["no source found yet"]

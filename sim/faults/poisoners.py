@@ -60,7 +60,7 @@ class Poisoners:
     def _listen(self, drone: int, key: str, payload: bytes) -> None:
         if key.endswith(("/estimate", "/frame")) and self._schedule.active(Poisoned, drone):
             message = decode_from(key, payload)
-            if isinstance(message, Estimate):
+            if isinstance(message, Estimate) and message.sources:
                 self._estimates[drone] = message.sources[0].position_m
             elif isinstance(message, Frame):
                 self._frames[drone, message.epoch] = message.translation_m, message.yaw_rad

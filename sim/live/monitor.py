@@ -98,10 +98,12 @@ class ObservedAgent:
         elif isinstance(message, Cone):
             self.cones += 1
         elif isinstance(message, Estimate):
+            self.estimate = message
+            if not message.sources:
+                return
             source = message.sources[0]
             xx, xy, xz, yy, yz, zz = source.covariance_m2
             covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            self.estimate = message
             self._belief = Belief(
                 np.array(source.position_m), covariance, source.activity_bq, source.activity_sigma_bq, source.evidence
             )
@@ -198,4 +200,9 @@ class Observer:
         """Return whether all live agents have reported equal hashes of their logs and bitwise equal source positions."""
         told = [agent.estimate for agent in self.agents if agent.alive]
         estimates = [estimate for estimate in told if estimate is not None]
-        return len(estimates) == len(told) > 0 and len({(each.digest, each.sources[0].position_m) for each in estimates}) == 1
+        return len(estimates) == len(told) > 0 and len({(each.digest, _first_m(each)) for each in estimates}) == 1
+
+
+def _first_m(estimate: Estimate) -> tuple[float, float, float] | None:
+    """Return the first source's place; None if the estimate is a map without sources."""
+    return estimate.sources[0].position_m if estimate.sources else None

@@ -88,7 +88,7 @@ def _told(agent: AgentEnd) -> str:
 
 def _end_of(agent: ObservedAgent, vehicle: VehicleReport) -> AgentEnd:
     estimate, status = agent.estimate, agent.status
-    source = estimate.sources[0] if estimate is not None else None
+    source = estimate.sources[0] if estimate is not None and estimate.sources else None
     counters: Mapping[str, int] = status.counters if status is not None else {}
     return AgentEnd(
         drone=agent.drone,

@@ -43,7 +43,7 @@ class Heard:
             self.following.plan(message)
         elif isinstance(message, Pose):
             self.following.pose(message, stage)
-        elif isinstance(message, Estimate) and judged:
+        elif isinstance(message, Estimate) and judged and message.sources:
             self.estimates.append(EstimateTrace(time_s, tuple(self._told(source) for source in message.sources)))
         elif isinstance(message, Cone):
             self.last_cone_s = time_s

@@ -242,7 +242,7 @@ class Picture:
             other_mission=other if other != self._mission_id else "",
         )
         estimate, hypothesis = member.recent_estimate(now_ns), self.log.fusion.hypothesis
-        if estimate is None or hypothesis is None:
+        if estimate is None or hypothesis is None or not estimate.sources:
             return shown
         same = estimate.digest in self._digests
         return replace(shown, same_log=same, apart_m=round(dist(estimate.sources[0].position_m, hypothesis.position.tolist()), 3))

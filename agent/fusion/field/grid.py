@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
@@ -85,7 +85,8 @@ class Grid:
     @property
     def modes(self) -> int:
         """Number of basis functions."""
-        return self.basis[0].shape[1] * self.basis[1].shape[1]
+        along_x, along_y = self.basis
+        return int(along_x.shape[1] * along_y.shape[1])
 
     def spectrum(self, length_m: float) -> Array:
         """Return the prior variances s of the coefficients (modes,), the constant one last on top of the others' sum.
@@ -106,8 +107,10 @@ class Grid:
         result: Array = (along_y @ table @ along_x.T).ravel()
         return result
 
-    def projected(self, weights: Array | NDArray[np.float32]) -> Array:
+    def projected(self, weights: NDArray[Any]) -> Array:
         """Return (..., modes) sums over the cells of weights (..., N) times each basis function."""
+        along_x: NDArray[Any]
+        along_y: NDArray[Any]
         along_x, along_y = (part.astype(weights.dtype) for part in self.basis)
         *shape, _ = weights.shape
         half = weights.reshape(-1, self.columns) @ along_x

@@ -32,7 +32,9 @@ _CHUNK: Final = 64  # rows at once: a few megabytes
 class Detector(Protocol):
     """What the kernels need to know of a kind of detector."""
 
-    background_ps: Array  # (C,) counts by channel, per second, without contamination
+    @property
+    def background_ps(self) -> Array:
+        """(C,) counts by channel, per second, without contamination."""
 
     def counted(self, observation: CountObservation) -> tuple[int, ...]:
         """Return the C counts of an exposure."""
@@ -143,9 +145,8 @@ class KernelStore:
     def __init__(self, grid: Grid, detector: Detector) -> None:
         self._grid, self._detector = grid, detector
         self._place: dict[bytes, int] = {}
-        self._kept = Kernels(
-            *(np.zeros((0, len(detector.background_ps), grid.size), np.float32) for _ in range(2)), np.zeros((2, 0, 0))
-        )
+        none = np.zeros((0, len(detector.background_ps), grid.size), np.float32)
+        self._kept = Kernels(none, none, np.zeros((2, 0, 0)))
 
     def of(self, sums: Sums, height: Array) -> Kernels:
         """Return the kernels of these sums, and forget all others. height: (R,) above the ground, metres."""

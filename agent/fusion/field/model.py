@@ -179,7 +179,7 @@ class CountModel:
             direct, scattered = self._templates
             signal = signal + direct @ solution.ground + np.exp(solution.scatter) * (scattered @ solution.ground)
         for spot in solution.spots:
-            signal = signal + sum(self.of_spot(solution, spot))
+            signal = signal + _every(self.of_spot(solution, spot))
         return np.maximum(self._exposed(solution) * signal, _MIN_SHARE * self.background)
 
     def log_likelihood(self, expected: Array) -> float:
@@ -204,7 +204,7 @@ class CountModel:
             of_spots.append(exposed[..., None] * self._of_numbers(solution, spot))
             by_scatter = by_scatter + exposed * self.of_spot(solution, spot)[1]
             slopes[:2] -= np.moveaxis(of_spots[-1][..., :2], 2, 0)
-            slopes[2] += exposed * self._by_height(spot, sum(self.of_spot(solution, spot)))
+            slopes[2] += exposed * self._by_height(spot, _every(self.of_spot(solution, spot)))
         columns.append(own[..., None] * np.eye(channels))
         columns.append(by_scatter[..., None])
         biased = np.stack((*slopes, self.expected(solution)), axis=2)
@@ -241,20 +241,26 @@ class CountModel:
 
     def _of_numbers(self, solution: Solution, spot: Spot) -> Array:
         """Return (R, C, numbers) derivatives of a source's counts by its numbers, live time left out."""
-        now: Array = sum(self.of_spot(solution, spot))  # type: ignore[assignment]
+        now: Array = _every(self.of_spot(solution, spot))
         columns = []
         for axis in np.eye(2):
             ahead = replace(spot, place=spot.place + _STEP_M * axis)
             back = replace(spot, place=spot.place - _STEP_M * axis)
-            off: Array = sum(self.of_spot(solution, ahead)) - sum(self.of_spot(solution, back))  # type: ignore[assignment]
+            off: Array = _every(self.of_spot(solution, ahead)) - _every(self.of_spot(solution, back))
             columns.append(off / (2.0 * _STEP_M))
         columns.append(now)
         if spot.log_size is not None:
             larger = replace(spot, log_size=spot.log_size + _STEP_M)
-            columns.append((sum(self.of_spot(solution, larger)) - now) / _STEP_M)
+            columns.append((_every(self.of_spot(solution, larger)) - now) / _STEP_M)
         return np.stack(columns, axis=2)
 
 
 def of_drones(values: Sequence[float]) -> Array:
     """Return position errors along one axis (D,) from horizontal ones (2D), at least a centimetre."""
-    return np.maximum(np.array(values) / np.sqrt(2.0), 0.01)
+    result: Array = np.maximum(np.array(values, np.float64) / np.sqrt(2.0), 0.01)
+    return result
+
+
+def _every(parts: tuple[Array, Array]) -> Array:
+    """Return direct and scattered counts together."""
+    return parts[0] + parts[1]

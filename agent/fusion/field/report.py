@@ -14,7 +14,7 @@ from radron.agent.fusion.field.grid import Grid
 from radron.agent.fusion.field.model import CountModel
 from radron.agent.geometry import Array
 from radron.agent.terrain.ground import Ground
-from radron.protocol.contamination import MAX_BLOCKS, MAX_LEVEL, Contamination, Finding, Range
+from radron.protocol.contamination import MAX_BLOCKS, MAX_LEVEL, Block, Contamination, Finding, Range
 
 BLOCK_M: Final = 10.0  # least side of a block, and two heights of the detectors: smaller ones have no honest intervals
 Z_90: Final = 1.645
@@ -39,8 +39,10 @@ class Blocks:
     def of(cls, fitted: Fitted, model: CountModel) -> Blocks:
         """Return the blocks of a fit with a contaminated area."""
         grid, height_m = model.grid, float(model.live_s @ model.height / model.live_s.sum())
-        side_m = max(BLOCK_M, 2.0 * height_m, math.sqrt(grid.size * grid.cell_m**2 / MAX_BLOCKS))
-        number, across, up = grid.blocks(side_m)
+        side_m = max(BLOCK_M, 2.0 * height_m)
+        while (layout := grid.blocks(side_m))[1] * layout[2] > MAX_BLOCKS:
+            side_m += grid.cell_m
+        number, across, up = layout
         weights = np.zeros((across * up, grid.size))
         touched = np.flatnonzero(number >= 0)
         weights[number[touched], touched] = grid.inside_m2[touched]
@@ -108,9 +110,7 @@ def contamination(
         block_m=blocks.side_m,
         across=blocks.across,
         unit_bqm2=unit,
-        median=_levels(median, unit),
-        low=_levels(low, unit),
-        high=_levels(high, unit),
+        blocks=tuple(map(Block, *(_levels(values, unit) for values in (median, low, high)))),
         highest_bqm2=Range(float(median[top]), float(low[top]), float(high[top])),
         highest_m=(x, y, ground.height_m(x, y)),
         dose_svph=range_of(float(dose[most]), relative * float(dose[most])),
@@ -118,5 +118,6 @@ def contamination(
     )
 
 
-def _levels(values: Array, unit: float) -> tuple[int, ...]:
-    return tuple(np.clip(np.rint(values / unit), 0, MAX_LEVEL).astype(int).tolist())
+def _levels(values: Array, unit: float) -> list[int]:
+    result: list[int] = np.clip(np.rint(values / unit), 0, MAX_LEVEL).astype(int).tolist()
+    return result

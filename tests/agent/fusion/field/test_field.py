@@ -46,11 +46,11 @@ def test_blocks_of_a_patch(of_patch):
     assert side == pytest.approx(10.0)
     inside, wrong = 0, 0
     fine = (np.arange(20) + 0.5) / 20.0 * side
-    for place, (low, high) in enumerate(zip(of_patch.low, of_patch.high, strict=True)):
+    for place, block in enumerate(of_patch.blocks):
         up, along = divmod(place, across)
         x, y = np.meshgrid(of_patch.corner_m[0] + along * side + fine, of_patch.corner_m[1] + up * side + fine)
         true = float(patch(x, y).mean())
-        inside += low * of_patch.unit_bqm2 - 1.0 <= true <= high * of_patch.unit_bqm2
+        inside += block.low * of_patch.unit_bqm2 - 1.0 <= true <= block.high * of_patch.unit_bqm2
         wrong += 1
     assert inside / wrong >= 0.8
     assert math.dist(of_patch.highest_m[:2], (22.0, 18.0)) < 11.0
@@ -105,5 +105,3 @@ def test_report_is_compact_and_checked(of_patch):
     data = msgspec.msgpack.encode(of_patch)
     assert len(data) < 1000
     assert msgspec.msgpack.decode(data, type=Contamination) == of_patch
-    assert of_patch.flaw() is None
-    assert "differ" in replace(of_patch, low=of_patch.low[:-1]).flaw()
