@@ -1,1 +1,1 @@
-"""The estimator ``field``: activity per area of contaminated ground, from counts, with sources on it."""
+"""The estimator ``field``: activity per area of contaminated ground, from counts."""

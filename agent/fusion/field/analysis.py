@@ -1,4 +1,4 @@
-"""From the sums to a report: fits of nothing, sources, and contaminated ground, and the decision between them."""
+"""From the sums to a report: fits of nothing and of contaminated ground, and the decision between them."""
 
 from __future__ import annotations
 
@@ -26,20 +26,9 @@ GAIN: Final = 5.0  # of log evidence, for contamination
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
-    """A source: place (2,) m and its covariance (2, 2) m2, activity with 1 sigma, and live time of all detectors near it."""
-
-    place: Array
-    covariance: Array
-    bq: float
-    sigma_bq: float
-    watched_s: float
-
-
-@dataclass(frozen=True, eq=False)
 class Analysed:
     """A fit with its report. level: with the same prior everywhere, for totals and tests. blocks: with a prior of the shape of
-    the map, for blocks. coefficients, activity: of the map without negative activity, (N,) Bq/m2. located: sources.
+    the map, for blocks. coefficients, activity: of the map without negative activity, (N,) Bq/m2.
     """
 
     level: Fitted
@@ -47,22 +36,14 @@ class Analysed:
     coefficients: Array
     activity: Array
     contamination: Contamination
-    located: tuple[Located, ...] = ()
-
-    @property
-    def gain(self) -> float:
-        """Log evidence of the finding, over nothing."""
-        return self.contamination.evidences.get(self.contamination.finding, 0.0)
 
 
 class Analysis:
     """Fits sums of one mission."""
 
-    def __init__(
-        self, grid: Grid, detector: Detector, ground: Ground, nuclide: str, config: FieldEstimatorConfig, area_m2: float
-    ) -> None:
+    def __init__(self, grid: Grid, detector: Detector, ground: Ground, nuclide: str, config: FieldEstimatorConfig) -> None:
         self._grid, self._detector, self._ground, self._nuclide = grid, detector, ground, nuclide
-        self._config, self._area_m2 = config, area_m2
+        self._config = config
         self._store = KernelStore(grid, detector)
 
     def anew(self, sums: Sums, position_sigma_m: Sequence[float]) -> Analysed:
@@ -90,7 +71,7 @@ class Analysis:
         height = np.maximum(place[:, 2] - self._ground.heights_m(place[:, :2]), 0.3)
         model = CountModel(sums, height, self._store.of(sums, height), self._grid, self._detector)
         priors = Priors(self._config.background_sigma, of_drones(position_sigma_m), self._config.gain_sigma)
-        return Problem(model, priors, self._area_m2)
+        return Problem(model, priors)
 
     def _analysed(
         self, problem: Problem, level: Fitted, none: float, coefficients: Array, shaped: Problem, blocks: Fitted

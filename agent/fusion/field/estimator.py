@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Final
 
-import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 from shapely import Polygon
@@ -46,7 +45,6 @@ class FieldState(Struct, frozen=True, eq=False):
     refitted: int = 0
     refined: int = 0
     analysed: Analysed | None = None
-    x0_stamp_ns: int = 0
     refinement: Refinement | None = None
 
     @property
@@ -68,7 +66,7 @@ class Refinement:
 
 
 class FieldEstimator:
-    """Contaminated ground of one nuclide, with sources on it. A pure function of the observations and their grid steps."""
+    """Contaminated ground of one nuclide. A pure function of the observations and their grid steps."""
 
     name = "field"
     reads: tuple[type[AnyEntry], ...] = (Exposure,)
@@ -85,7 +83,7 @@ class FieldEstimator:
         self._ground = Ground.from_config(mission)
         self._detector = MiniPix(response_of(mission.named(), mission.fusion.ground))
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
-        self._analysis = Analysis(Grid.around(area), self._detector, self._ground, mission.named(), self._config, area.area)
+        self._analysis = Analysis(Grid.around(area), self._detector, self._ground, mission.named(), self._config)
 
     def initial(self, start_ns: int | None) -> FieldState:
         """Return the state without measurements."""
@@ -96,7 +94,7 @@ class FieldEstimator:
         """Fit the measurements before the step where a fit is due, then add the step's observations."""
         refitted, refined = step.start_ns // round(REFITTED_S * _NS), step.start_ns // round(REFINED_S * _NS)
         if refitted > state.refitted:
-            state = replace(self._refitted(state, step), refitted=refitted, refined=refined)
+            state = replace(self._refitted(state), refitted=refitted, refined=refined)
         elif refined > state.refined:
             before = replace(state, refinement=None)
             refinement = None if state.analysed is None else Refinement(lambda: self._refined(before))
@@ -113,14 +111,12 @@ class FieldEstimator:
         x, y, z = observation.position
         return z - self._ground.height_m(x, y)
 
-    def _refitted(self, state: FieldState, step: GridStep) -> FieldState:
+    def _refitted(self, state: FieldState) -> FieldState:
         sums = self._summed(state)
         state = replace(state, sums=sums, pending=(), refinement=None)
         if not len(sums):
             return state
-        analysed = self._analysis.anew(sums, self._sigmas(state))
-        x0_stamp_ns = state.x0_stamp_ns or (step.start_ns if analysed.located else 0)
-        return replace(state, analysed=analysed, x0_stamp_ns=x0_stamp_ns)
+        return replace(state, analysed=self._analysis.anew(sums, self._sigmas(state)))
 
     def _refined(self, state: FieldState) -> Analysed:
         assert state.analysed is not None
@@ -138,31 +134,8 @@ class FieldEstimator:
         return None if state.newest is None else state.newest.contamination
 
     def hypothesis(self, state: FieldState, step: GridStep) -> Hypothesis | None:
-        """Return the first source of the newest fit, with the others; None without one that is located."""
-        if state.newest is None or not state.newest.located or not state.x0_stamp_ns:
-            return None
-        first, *others = (self._told(state, place, step.middle_ns) for place in range(len(state.newest.located)))
-        return replace(first, others=tuple(others))
-
-    def _told(self, state: FieldState, place: int, stamp_ns: int) -> Hypothesis:
-        assert state.newest is not None
-        source = state.newest.located[place]
-        x, y = source.place.tolist()
-        covariance = np.zeros((3, 3))
-        covariance[:2, :2] = source.covariance
-        return Hypothesis(
-            stamp_ns=stamp_ns,
-            position=np.array((x, y, self._ground.height_m(x, y))),
-            covariance=covariance,
-            velocity=np.zeros(3),
-            cones=0,
-            x0_stamp_ns=state.x0_stamp_ns,
-            activity_bq=source.bq,
-            activity_sigma_bq=source.sigma_bq,
-            evidence=state.newest.gain,
-            nuclide=state.newest.contamination.nuclide,
-            watched_s=source.watched_s,
-        )
+        """Return None: this estimator maps ground, and locates no source that the drones could fly to."""
+        return None
 
     def outlook(self, state: FieldState, step: GridStep) -> Outlook | None:
         """Return None: contaminated ground is surveyed in lanes."""

@@ -1,12 +1,12 @@
-"""Fits of contaminated ground and sources by Fisher scoring, with Laplace's evidence.
+"""Fits of contaminated ground by Fisher scoring, with Laplace's evidence.
 
 With J the derivatives of the expectations lambda, w the sums' weights and P the prior's precision, a step solves
 
     H (theta' - theta) = J' w (y - lambda) / lambda - P theta,    H = J' diag(w / lambda) J + P,
 
-and the log evidence of a fit at its maximum, with K sources, is [TK86]
+and the log evidence of a fit at its maximum is [TK86]
 
-    ln p(y) = l - theta' P theta / 2 - ln|H| / 2 + ln|P| / 2 + sum_k (ln(density of source k) + d_k ln(2 pi) / 2).
+    ln p(y) = l - theta' P theta / 2 - ln|H| / 2 + ln|P| / 2.
 
 Scale and length of the ground's prior are those of the greatest evidence on a grid, by the quadratic approximation of l at the
 last step: then a pair costs one factorisation.
@@ -23,16 +23,11 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 
-from radron.agent.fusion.field.model import CountModel, Priors, Solution, Spot
+from radron.agent.fusion.field.model import CountModel, Priors, Solution
 from radron.agent.geometry import Array
 
 SCALES: Final = tuple(10.0 ** (0.5 * power) for power in range(6, 17))  # Bq/m2
 LENGTHS_M: Final = (8.0, 14.0, 25.0)
-BQ: Final = (1e5, 1e13)  # activities of a source, log uniform
-SIZES_M: Final = (1.5, 25.0)  # standard deviations of an extended source, log uniform
-EXPECTED: Final = 1.5  # sources
-_MAX_LOG_STEP: Final = 1.0
-_MAX_STEP_M: Final = 3.0
 _MAX_ERROR_STEP: Final = 0.3  # of scatter, places (m) and sensitivities
 HELD: Final = 1e8  # precision
 _HALVINGS: Final = 4
@@ -66,9 +61,9 @@ class Fitted:
 class Problem:
     """Fits to the sums of one model."""
 
-    def __init__(self, model: CountModel, priors: Priors, area_m2: float, mean: float = MEAN_BQM2) -> None:
-        """area_m2: of the mission's area. mean: prior 1 sigma of the mean activity, Bq/m2; so wide that the counts decide."""
-        self.model, self._priors, self._area_m2, self._mean = model, priors, area_m2, mean
+    def __init__(self, model: CountModel, priors: Priors, mean: float = MEAN_BQM2) -> None:
+        """mean: prior 1 sigma of the mean activity, Bq/m2; so wide that the counts decide."""
+        self.model, self._priors, self._mean = model, priors, mean
         modes = model.grid.modes
         beyond = float(model.amplitude.max()) ** 2
         self._spectra = {length: np.append(model.grid.spectrum(length), beyond) for length in LENGTHS_M}
@@ -78,7 +73,7 @@ class Problem:
         """Return the problem with a prior of the shape of a map (N,) Bq/m2, smoothed over ``_SMOOTHED`` cells, and a floor."""
         grid = self.model.grid
         smooth = gaussian_filter(activity.reshape(grid.rows, grid.columns), _SMOOTHED).ravel()
-        return Problem(self.model.shaped(smooth + SHAPE_FLOOR * smooth.max()), self._priors, self._area_m2, 0.0)
+        return Problem(self.model.shaped(smooth + SHAPE_FLOOR * smooth.max()), self._priors, 0.0)
 
     @property
     def rough(self) -> Smoothness:
@@ -132,7 +127,7 @@ class Problem:
     def _approximate(self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness) -> float:
         """Return the log evidence up to a constant, with the errors held: linearised, they could replace the activity."""
         precision = self.precision(solution, smoothness)
-        factor, pull = _held(_regular(fisher + precision, solution), pull, solution, HELD)
+        factor, pull = _held(fisher + precision, pull, solution, HELD)
         mean = cho_solve(factor, pull)
         ground = slice(0, len(solution.ground))
         prior = np.log(np.diag(precision)[ground]).sum()
@@ -144,7 +139,7 @@ class Problem:
         """
         precision = self.precision(solution, smoothness)
         here = solution.vector
-        factor, pull = _held(_regular(fisher + precision, solution), pull, solution, held)
+        factor, pull = _held(fisher + precision, pull, solution, held)
         step = _limited(cho_solve(factor, pull) - here, solution)
         before = self._density(solution, precision)
         for _ in range(_HALVINGS):
@@ -161,38 +156,18 @@ class Problem:
     def _judged(self, solution: Solution, smoothness: Smoothness) -> Fitted:
         precision = self.precision(solution, smoothness)
         fisher, _ = self._normal(solution)
-        factor = cho_factor(_regular(fisher + precision, solution), lower=True)
+        factor = cho_factor(fisher + precision, lower=True)
         covariance = cho_solve(factor, np.eye(len(fisher)))
-        of_gaussians = precision[: solution.first_spot, : solution.first_spot]
         evidence = self._density(solution, precision) - float(np.log(np.diag(factor[0])).sum())
-        evidence += 0.5 * float(np.linalg.slogdet(of_gaussians)[1])
+        evidence += 0.5 * float(np.linalg.slogdet(precision)[1])
         if len(solution.ground):
             evidence -= math.log(len(SCALES) * len(LENGTHS_M))
-        evidence += sum(map(self._of_spot, solution.spots))
         return Fitted(solution, smoothness, covariance, evidence)
-
-    def _of_spot(self, spot: Spot) -> float:
-        density = math.log(EXPECTED / (self._area_m2 * math.log(BQ[1] / BQ[0])))
-        if spot.log_size is not None:
-            density -= math.log(math.log(SIZES_M[1] / SIZES_M[0]))
-        return density + 0.5 * spot.numbers * math.log(2.0 * math.pi)
-
-
-def _regular(matrix: Array, solution: Solution) -> Array:
-    """Return the matrix with a weak prior of 30 m, or a factor of e^3, on each number of a source."""
-    result = matrix.copy()
-    place = solution.first_spot
-    for spot in solution.spots:
-        sigma = np.array([30.0, 30.0, 3.0, 1.0][: spot.numbers])
-        numbers = range(place, place + spot.numbers)
-        result[numbers, numbers] += sigma**-2.0
-        place += spot.numbers
-    return result
 
 
 def _held(matrix: Array, pull: Array, solution: Solution, precision: float) -> tuple[tuple[Array, bool], Array]:
     """Return the factor of a normal matrix, and its right side, with scatter and drones' errors held with this precision."""
-    errors = np.arange(len(solution.ground) + len(solution.background), solution.first_spot)
+    errors = np.arange(solution.errors.start, solution.errors.stop)
     result = matrix.copy()
     result[errors, errors] += precision
     side = pull.copy()
@@ -201,14 +176,9 @@ def _held(matrix: Array, pull: Array, solution: Solution, precision: float) -> t
 
 
 def _limited(step: Array, solution: Solution) -> Array:
-    """Return the step with the steps of sources limited."""
-    result, place = step.copy(), solution.first_spot
-    for spot in solution.spots:
-        most = np.array([_MAX_STEP_M, _MAX_STEP_M, _MAX_LOG_STEP, 0.5])[: spot.numbers]
-        result[place : place + spot.numbers] = np.clip(step[place : place + spot.numbers], -most, most)
-        place += spot.numbers
-    errors = slice(len(solution.ground) + len(solution.background), solution.first_spot)
-    result[errors] = np.clip(step[errors], -_MAX_ERROR_STEP, _MAX_ERROR_STEP)
+    """Return the step with the steps of scatter and drones' errors limited."""
+    result = step.copy()
+    result[solution.errors] = np.clip(step[solution.errors], -_MAX_ERROR_STEP, _MAX_ERROR_STEP)
     return result
 
 

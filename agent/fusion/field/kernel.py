@@ -107,13 +107,6 @@ def kernels_of(sums: Sums, height: Array, grid: Grid, detector: Detector) -> Ker
     return Kernels(result[0], result[1], beyond)
 
 
-def point_rates(sums: Sums, height: Array, place: Array, detector: Detector) -> tuple[Array, Array]:
-    """Return (R, C) U and S of a point of the ground; zero for a reference hover. place: (2,) metres, mission frame."""
-    direct, scattered = _points((sums.place, height, sums.facing), place[None], detector)
-    seen = ~sums.is_reference[:, None]
-    return direct[:, 0] * seen, scattered[:, 0] * seen
-
-
 Views = tuple[Array, Array, Array]  # places (R, 3), heights (R,) and facings (R, 2) of detectors
 
 

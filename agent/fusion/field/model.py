@@ -2,18 +2,18 @@
 
 For the sum r of drone d, in channel c, with the live time T_r, the kernels U and S (``kernel``) and the background B_c,
 
-    lambda_rc = T_r exp(g_d) [exp(v_c) B_c + sum_j (U_rcj + exp(s) S_rcj) a_j + (U_rc + exp(s) S_rc) b + sum_k exp(q_k) t_krc],
+    lambda_rc = T_r exp(g_d) [exp(v_c) B_c + sum_j (U_rcj + exp(s) S_rcj) a_j + (U_rc + exp(s) S_rc) b],
 
-a_j activity per area of cell j, linear in the coefficients u of ``grid.Grid``; b the same of all ground beyond the grid; q_k the
-logarithm of the activity of source k, with t_k the kernel at its place or its mean over a Gaussian disc. Errors of the
-background (v), of the soil's scatter (s), and of each drone's sensitivity (g), place (x, y) and height (z) are fitted with it: a
-drone off by x counts as if the ground was off by -x. The linear link lets a be negative: only then are totals unbiased.
+a_j activity per area of cell j, linear in the coefficients u of ``grid.Grid``, and b the same of all ground beyond the grid.
+Errors of the background (v), of the soil's scatter (s), and of each drone's sensitivity (g), place (x, y) and height (z) are
+fitted with it: a drone off by x counts as if the ground was off by -x. The linear link lets a be negative: only then are totals
+unbiased.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from radron.agent.fusion.bayes.soil import SCATTER_SIGMA
 from radron.agent.fusion.field.grid import Grid
-from radron.agent.fusion.field.kernel import Detector, Floats, Kernels, point_rates
+from radron.agent.fusion.field.kernel import Detector, Floats, Kernels
 from radron.agent.fusion.field.sums import Sums
 from radron.agent.geometry import Array
 
@@ -30,28 +30,6 @@ HEIGHT_SIGMA_M: Final = 0.5
 CHANNEL_SIGMA: Final = 0.1  # of a channel's background beside the others'
 _MODEL_ERROR: Final = 0.05  # no sum measures its rate better than to this share
 _MIN_SHARE: Final = 0.3  # of the background: least expectation, where the linear link is negative
-_STEP_M: Final = 0.1  # for derivatives by a source's place
-
-
-@dataclass(frozen=True, eq=False)
-class Spot:
-    """A source on the ground. place: (2,) metres, mission frame. log_bq: logarithm of its activity in Bq. log_size: logarithm of
-    the standard deviation of a Gaussian disc, metres; None for a point.
-    """
-
-    place: Array
-    log_bq: float
-    log_size: float | None = None
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers are fitted."""
-        return 3 if self.log_size is None else 4
-
-    def moved(self, by: Array) -> Spot:
-        """Return the source with a step (numbers,) added."""
-        size = None if self.log_size is None else self.log_size + float(by[3])
-        return Spot(self.place + by[:2], self.log_bq + float(by[2]), size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +40,6 @@ class Solution:
     background: Array
     scatter: float
     bias: Array
-    spots: tuple[Spot, ...] = ()
 
     @classmethod
     def nothing(cls, channels: int, drones: int) -> Solution:
@@ -71,25 +48,19 @@ class Solution:
 
     @property
     def vector(self) -> Array:
-        """All fitted numbers; those of the sources are steps from the present ones, and 0."""
-        of_spots = np.zeros(sum(spot.numbers for spot in self.spots))
-        return np.concatenate((self.ground, self.background, [self.scatter], self.bias.ravel(), of_spots))
+        """All fitted numbers."""
+        return np.concatenate((self.ground, self.background, [self.scatter], self.bias.ravel()))
 
     @property
-    def first_spot(self) -> int:
-        """Place of the first source in the vector."""
-        return len(self.ground) + len(self.background) + 1 + self.bias.size
+    def errors(self) -> slice:
+        """Place of scatter and drones' errors in the vector."""
+        return slice(len(self.ground) + len(self.background), len(self.ground) + len(self.background) + 1 + self.bias.size)
 
     def moved(self, to: Array) -> Solution:
         """Return the solution with another ``vector``."""
-        ground, channels = len(self.ground), len(self.background)
-        place, spots = self.first_spot, []
-        for spot in self.spots:
-            spots.append(spot.moved(to[place : place + spot.numbers]))
-            place += spot.numbers
-        rest = ground + channels
-        bias = to[rest + 1 : self.first_spot].reshape(self.bias.shape)
-        return Solution(to[:ground], to[ground:rest], float(to[rest]), bias, tuple(spots))
+        ground, errors = len(self.ground), self.errors
+        bias = to[errors][1:].reshape(self.bias.shape)
+        return Solution(to[:ground], to[ground : errors.start], float(to[errors.start]), bias)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +72,7 @@ class Priors:
     gain: float
 
     def precision(self, solution: Solution, of_ground: Array) -> Array:
-        """Return the precision matrix of a solution's vector; 0 for sources. of_ground: (K,) of u and b."""
+        """Return the precision matrix of a solution's vector. of_ground: (K,) of u and b."""
         channels = len(solution.background)
         result = np.zeros((len(solution.vector),) * 2)
         ground = len(solution.ground)
@@ -111,7 +82,7 @@ class Priors:
         result[ground:rest, ground:rest] = np.linalg.inv(own)
         place = self.place_m**-2.0
         others = np.stack((place, place, np.full(len(place), HEIGHT_SIGMA_M**-2), np.full(len(place), self.gain**-2)), axis=1)
-        numbers = range(rest, solution.first_spot)
+        numbers = range(rest, solution.errors.stop)
         result[numbers, numbers] = [SCATTER_SIGMA**-2, *others.ravel()]
         return result
 
@@ -160,26 +131,12 @@ class CountModel:
         result: Array = (self.live_s * np.exp(solution.bias[self.drone, 3]))[:, None]
         return result
 
-    def of_spot(self, solution: Solution, spot: Spot) -> tuple[Array, Array]:
-        """Return (R, C) counts per second by a source, direct and scattered."""
-        if spot.log_size is None:
-            direct, scattered = point_rates(self.sums, self.height, spot.place, self._detector)
-        else:
-            off = self.grid.centres - spot.place
-            shares = np.exp(-0.5 * (off * off).sum(axis=1) * np.exp(-2.0 * spot.log_size)) + 1e-12
-            shares = (shares / shares.sum() / self.grid.cell_m**2).astype(np.float32)
-            direct, scattered = (np.asarray(part @ shares, np.float64) for part in (self.kernels.direct, self.kernels.scattered))
-        bq = np.exp(spot.log_bq)
-        return bq * direct, bq * (np.exp(solution.scatter) * scattered)
-
     def expected(self, solution: Solution) -> Array:
         """Return lambda, (R, C)."""
         signal = self.background * np.exp(solution.background) / self.live_s[:, None]
         if len(solution.ground):
             direct, scattered = self._templates
             signal = signal + direct @ solution.ground + np.exp(solution.scatter) * (scattered @ solution.ground)
-        for spot in solution.spots:
-            signal = signal + _every(self.of_spot(solution, spot))
         return np.maximum(self._exposed(solution) * signal, _MIN_SHARE * self.background)
 
     def log_likelihood(self, expected: Array) -> float:
@@ -199,18 +156,12 @@ class CountModel:
             by_scatter = exposed * (more * (scattered @ solution.ground))
             slopes = slopes + self._slopes(solution) * exposed
         own = exposed * (self.background * np.exp(solution.background) / self.live_s[:, None])
-        of_spots = []
-        for spot in solution.spots:
-            of_spots.append(exposed[..., None] * self._of_numbers(solution, spot))
-            by_scatter = by_scatter + exposed * self.of_spot(solution, spot)[1]
-            slopes[:2] -= np.moveaxis(of_spots[-1][..., :2], 2, 0)
-            slopes[2] += exposed * self._by_height(spot, _every(self.of_spot(solution, spot)))
         columns.append(own[..., None] * np.eye(channels))
         columns.append(by_scatter[..., None])
         biased = np.stack((*slopes, self.expected(solution)), axis=2)
         for drone in range(len(solution.bias)):
             columns.append(biased * (self.drone == drone)[:, None, None])
-        return np.concatenate((*columns, *of_spots), axis=2).reshape(rows * channels, -1)
+        return np.concatenate(columns, axis=2).reshape(rows * channels, -1)
 
     @cached_property
     def _falls(self) -> Floats:
@@ -233,34 +184,8 @@ class CountModel:
         lower = np.matmul(per_cell, (self._falls * field.ravel().astype(np.float32))[..., None])[..., 0]
         return np.stack((moved[..., 0], moved[..., 1], np.asarray(lower, np.float64)))
 
-    def _by_height(self, spot: Spot, rates: Array) -> Array:
-        """Return (R, C) derivatives of a source's counts by the drone's height, as of photons that spread from a point."""
-        off = self.sums.place[:, :2] - spot.place
-        result: Array = (-2.0 * self.height / ((off * off).sum(axis=1) + self.height**2))[:, None] * rates
-        return result
-
-    def _of_numbers(self, solution: Solution, spot: Spot) -> Array:
-        """Return (R, C, numbers) derivatives of a source's counts by its numbers, live time left out."""
-        now: Array = _every(self.of_spot(solution, spot))
-        columns = []
-        for axis in np.eye(2):
-            ahead = replace(spot, place=spot.place + _STEP_M * axis)
-            back = replace(spot, place=spot.place - _STEP_M * axis)
-            off: Array = _every(self.of_spot(solution, ahead)) - _every(self.of_spot(solution, back))
-            columns.append(off / (2.0 * _STEP_M))
-        columns.append(now)
-        if spot.log_size is not None:
-            larger = replace(spot, log_size=spot.log_size + _STEP_M)
-            columns.append((_every(self.of_spot(solution, larger)) - now) / _STEP_M)
-        return np.stack(columns, axis=2)
-
 
 def of_drones(values: Sequence[float]) -> Array:
     """Return position errors along one axis (D,) from horizontal ones (2D), at least a centimetre."""
     result: Array = np.maximum(np.array(values, np.float64) / np.sqrt(2.0), 0.01)
     return result
-
-
-def _every(parts: tuple[Array, Array]) -> Array:
-    """Return direct and scattered counts together."""
-    return parts[0] + parts[1]

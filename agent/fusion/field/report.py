@@ -118,6 +118,5 @@ def contamination(
     )
 
 
-def _levels(values: Array, unit: float) -> list[int]:
-    result: list[int] = np.clip(np.rint(values / unit), 0, MAX_LEVEL).astype(int).tolist()
-    return result
+def _levels(values: Array, unit: float) -> tuple[int, ...]:
+    return tuple(np.clip(np.rint(values / unit), 0, MAX_LEVEL).astype(int).tolist())

@@ -76,7 +76,7 @@ def test_what_is_wrong_with_an_installed_estimator_is_told(kit, name, what):
 
 @pytest.mark.usefixtures("installed")
 def test_an_unknown_name_is_answered_with_those_that_are_installed():
-    known = "known: paper, paper-geometric, bayes, sources, given, broken, hollow, missing, other"
+    known = "known: paper, paper-geometric, bayes, sources, field, given, broken, hollow, missing, other"
     with pytest.raises(ConfigError, match=f"^yard: unknown estimator 'ohter'; {known}"):
         check_estimator("ohter", "yard")
 

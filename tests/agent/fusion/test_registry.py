@@ -11,6 +11,7 @@ def test_every_estimator_carries_its_name(kit):
         "paper-geometric",
         "bayes",
         "sources",
+        "field",
         "given",
     ]
 
@@ -21,7 +22,9 @@ def test_the_name_is_the_projection_rule(kit):
 
 
 def test_what_is_wrong_is_said(kit):
-    with pytest.raises(ConfigError, match="unknown estimator 'bayse'; known: paper, paper-geometric, bayes, sources, given"):
+    with pytest.raises(
+        ConfigError, match="unknown estimator 'bayse'; known: paper, paper-geometric, bayes, sources, field, given"
+    ):
         estimator_named("bayse", kit.mission_of())
     with pytest.raises(ConfigError, match=r"needs fusion\.given\.schedule"):
         estimator_named("given", kit.mission_of())
