@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from radron.agent.fusion.deferred import Deferred, Folder
 from radron.protocol.contamination import Contamination, Finding
 
 LEVEL = 1e6
@@ -105,3 +106,13 @@ def test_report_is_compact_and_checked(of_patch):
     data = msgspec.msgpack.encode(of_patch)
     assert len(data) < 1000
     assert msgspec.msgpack.decode(data, type=Contamination) == of_patch
+
+
+def test_the_process_beside_the_agent_gives_the_same_map(lawn, observations, of_patch):
+    deferred = Deferred(lawn.estimator_of())
+    state = lawn.folded(deferred, observations)
+    at = lawn.step_of(0)
+    assert deferred.hypothesis(state, at) is None
+    assert deferred.contamination(state, at) is None
+    deferred.take(1, Folder(lawn.estimator_of()).answer(deferred, 1))
+    assert deferred.contamination(state, at) == of_patch
