@@ -64,6 +64,17 @@ class RunResult(Struct, frozen=True, kw_only=True):
             heights. activity_error_median: relative.
         in_region_90: share of the matches whose truth is in the 90 % region of the estimate, a Gaussian over the plane.
 
+    The first drone's last map of contaminated ground against the true ground (``radron.sim.scoring.groundscore``); None without
+    a map, and for an estimator that only listens; amounts of an area without contamination of the map's nuclide are None:
+
+        decision: what is there by the map; decision_right: whether it is. With contaminated ground, hot spots count as true
+            sources: false_sources counts points told where none is.
+        total_error: relative error of the area's activity; total_in_90: the true one is in the stated 90 % interval.
+        block_error_median: median relative error of the blocks above half of the highest true one; blocks_in_90: share of these
+            whose truth is in the stated 90 % interval.
+        dose_error_median: relative error of the highest dose rate 1 m above the ground.
+        map_first_s: time of the first map since the beginning of the search.
+
     A flight that finds nothing:
 
         nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only listens:
@@ -127,6 +138,14 @@ class RunResult(Struct, frozen=True, kw_only=True):
     activity_error_median: float | None = None
     in_region_90: float | None = None
     height_error_median_m: float | None = None
+    decision: str | None = None
+    decision_right: bool | None = None
+    total_error: float | None = None
+    total_in_90: bool | None = None
+    block_error_median: float | None = None
+    blocks_in_90: float | None = None
+    dose_error_median: float | None = None
+    map_first_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

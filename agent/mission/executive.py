@@ -27,7 +27,7 @@ from radron.agent.mission.stages import ROOMLESS_S, STRANDED_S, Mission
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.focus import focus, have_had_turns, looks
 from radron.agent.navigation.home import NO_NEARER_S, REVOKED_NO_NEARER_S, KeptHome
-from radron.agent.navigation.mapping import Block, Lanes, MapSurvey, map_conclusion
+from radron.agent.navigation.mapping import Block, Lanes, MapSurvey, blocks_of, map_conclusion
 from radron.agent.navigation.moment import Moment
 from radron.agent.navigation.navigator import Navigator
 from radron.agent.navigation.peers.newest import Peers
@@ -220,9 +220,10 @@ class Executive:
         """Whether the mission is a map of contaminated ground."""
         return self._config.survey.strategy == "map"
 
-    def _blocks(self) -> tuple[Block, ...]:
+    def _blocks(self) -> list[Block]:
         """The swarm's map of contaminated ground; empty without one."""
-        return ()
+        found = self._world.fusion.contamination
+        return [] if found is None else blocks_of(found)
 
     @property
     def _way_home_s(self) -> float:

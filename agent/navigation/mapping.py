@@ -17,6 +17,7 @@ from radron.agent.frames.graph import FrameGraph
 from radron.agent.geometry import Point2
 from radron.agent.motion.survey import Area
 from radron.agent.navigation.surveying import Search
+from radron.protocol.contamination import Contamination
 from radron.protocol.entries import Coverage
 
 _HOT_SHARE = 0.5  # of the highest block: low lanes are flown over blocks above it
@@ -33,6 +34,18 @@ class Block(Struct, frozen=True):
 
 
 Lanes = Union[Search, "MapSurvey"]  # how a survey flies lanes
+
+
+def blocks_of(found: Contamination) -> list[Block]:
+    """Return the blocks of a map of contaminated ground."""
+    west, south = found.corner_m
+    blocks = []
+    for place, block in enumerate(found.blocks):
+        up, along = divmod(place, found.across)
+        corner_m = (west + along * found.block_m, south + up * found.block_m)
+        levels = (found.unit_bqm2 * level for level in (block.median, block.low, block.high))
+        blocks.append(Block(corner_m, found.block_m, *levels))
+    return blocks
 
 
 def hot_blocks(blocks: Sequence[Block]) -> list[Block]:

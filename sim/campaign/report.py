@@ -68,6 +68,9 @@ def _without_estimate(result: RunResult, there: bool) -> str:
     excluded = "" if result.excluded_bq is None else f"{becquerels(result.excluded_bq)} or more would have been found anywhere"
     if OUTSIDE in result.finding:
         return f"The swarm tells: {result.finding}."
+    if result.decision is not None:
+        total = "" if result.total_error is None else f"; the activity is {100.0 * result.total_error:.0f} % off"
+        return f"The map tells: {result.decision}{total}."
     if result.finding.startswith(MAPPED):
         return f"The swarm has {result.finding}."
     if result.nothing_found or not there:

@@ -19,14 +19,17 @@ from radron.sim.scenario import Scenario
 from radron.sim.scoring.believers import Agent, Believer, excluded_nuclides_bq, open_places
 from radron.sim.scoring.bound import Bound, bound_of
 from radron.sim.scoring.framescore import FrameScore
+from radron.sim.scoring.groundscore import GroundScore, score_ground
 from radron.sim.scoring.heard import Heard
 from radron.sim.scoring.moment import OFF_GROUND_M
 from radron.sim.scoring.safety import Safety
 from radron.sim.scoring.samples import Row
 from radron.sim.scoring.score import Score, error_m, own_error_m
 from radron.sim.scoring.sourcescore import SourceScore, score_sources
+from radron.sim.world.contamination import Contaminated, contaminated_ground
 from radron.sim.world.frame import LocalFrames
 from radron.sim.world.sources import Source
+from radron.sim.world.streams import streams
 from radron.sim.world.terrain import Terrain
 
 SAMPLE_TICKS = 4  # 5 Hz
@@ -204,8 +207,11 @@ class Recorder:
         first = self._agents[self._first]
         excluded_bq = self._excluded_bq or _excluded_bq(first)
         by_nuclide = excluded_nuclides_bq(first)
-        result = self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, self._source_score(), by_nuclide)
-        return replace(result, finding=first.finding)
+        ground = contaminated_ground(self._scenario, streams(seed, len(self._agents)))
+        spots = [spot for part in ground for spot in part.spots]
+        sources = self._source_score(spots)
+        result = self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, sources, by_nuclide)
+        return replace(result, finding=first.finding, **asdict(self._ground_score(ground)))
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """Return the scores of the estimators without influence on the flight, by name."""
@@ -219,12 +225,19 @@ class Recorder:
         least_bq = self._mission.survey.least_activity_bq
         return least_bq is not None and excluded_bq is not None and excluded_bq <= least_bq
 
-    def _source_score(self) -> SourceScore:
-        """Score all sources of the last estimate, if that still holds, against all true ones."""
+    def _ground_score(self, ground: Sequence[Contaminated]) -> GroundScore:
+        """Score the last map of contaminated ground against the true one."""
+        kind = "soil" if self._scenario.ground is None else self._scenario.ground.kind
+        score = score_ground(ground, bool(self._sources), self.area, kind, self._heard.contamination)
+        first_s, began_s = self._heard.map_first_s, self._search_began_s or 0.0
+        return replace(score, map_first_s=None if first_s is None else max(0.0, round(first_s - began_s, 6)))
+
+    def _source_score(self, spots: Sequence[Source]) -> SourceScore:
+        """Score all sources of the last estimate, if that still holds, against all true ones and hot spots of the ground."""
         if not self._estimated:
             return NOT_SCORED
         held = self._agents[self._first].hypothesis is not None and self._heard.estimates
-        return score_sources(self._sources, self._heard.estimates[-1].sources if held else ())
+        return score_sources([*self._sources, *spots], self._heard.estimates[-1].sources if held else ())
 
     def _result(
         self, score: Score, nothing_found: bool, excluded_bq: float | None, seed: int, wall_s: float,
@@ -281,7 +294,7 @@ class Recorder:
         """Return the bound of the flown trajectories, after the run; None without a source, and with several."""
         truth, (west, south, east, north) = self._scenario, self.area.bounds
         rows = [row for row in self._rows if not np.isnan(row.source[0])]
-        if truth.source is None or len(self._sources) != 1 or not rows:
+        if truth.source is None or len(self._sources) != 1 or truth.contamination or not rows:
             return None
         return bound_of(
             truth.source,

@@ -8,8 +8,10 @@ from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfi
 from radron.agent.config.survey import SurveyConfig
 from radron.agent.errors import ConfigError
 from radron.agent.frames.graph import FrameGraph
-from radron.agent.navigation.mapping import Block, MapSurvey, hot_blocks, map_conclusion, uncertainty
+from radron.agent.navigation.mapping import Block, MapSurvey, blocks_of, hot_blocks, map_conclusion, uncertainty
 from radron.agent.navigation.surveying import CoverageLog
+from radron.protocol import contamination as told
+from radron.protocol.contamination import Contamination, Finding, Range
 from radron.protocol.entries import Coverage
 
 SURVEY = SurveyConfig(strategy="map", height_m=5.0, low_height_m=3.0, lane_spacing_m=5.0, speed_mps=5.0)
@@ -96,6 +98,27 @@ def test_hot_blocks_are_above_half_of_the_highest_and_certain() -> None:
     assert uncertainty(BLOCKS) == pytest.approx(0.2)
     assert hot_blocks(()) == []
     assert uncertainty((replace(HOT, low=0.0),)) is None
+
+
+def test_blocks_of_a_map_lie_from_west_to_east_and_then_north() -> None:
+    found = Contamination(
+        nuclide="Cs-137",
+        finding=Finding.AREA,
+        evidences={},
+        total_bq=Range(1.0, 0.0, 2.0),
+        least_bqm2=1.0,
+        corner_m=(-5.0, 10.0),
+        block_m=10.0,
+        across=2,
+        unit_bqm2=1e3,
+        blocks=tuple(told.Block(k, 0, 2 * k) for k in range(4)),
+        highest_bqm2=Range(1.0, 0.0, 2.0),
+        highest_m=(0.0, 0.0, 0.0),
+        dose_svph=Range(1.0, 0.0, 2.0),
+        dose_m=(0.0, 0.0, 0.0),
+    )
+    assert blocks_of(found)[3] == Block((5.0, 20.0), 10.0, 3e3, 0.0, 6e3)
+    assert blocks_of(found)[1].corner_m == (5.0, 10.0)
 
 
 @pytest.mark.parametrize(
