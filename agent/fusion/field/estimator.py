@@ -16,11 +16,10 @@ from msgspec.structs import replace
 from shapely import Polygon
 
 from radron.agent.config.mission import MissionConfig
-from radron.agent.fusion.bayes.response import response_of
 from radron.agent.fusion.estimator import GridStep, Hypothesis, Outlook
 from radron.agent.fusion.field.analysis import Analysed, Analysis
+from radron.agent.fusion.field.detectors import detector_of
 from radron.agent.fusion.field.grid import Grid
-from radron.agent.fusion.field.kernel import MiniPix
 from radron.agent.fusion.field.sums import Sums, rows_of
 from radron.agent.fusion.observation import CountObservation, Observation
 from radron.agent.terrain.ground import Ground
@@ -77,11 +76,11 @@ class FieldEstimator:
         """``area``: the mission's area, mission frame.
 
         Raises:
-            ConfigError: the tables of counts lack the nuclide, or the mission names several.
+            ConfigError: the drones have different detectors, the tables of counts lack the nuclide, or the mission names several.
         """
         self._config = mission.fusion.field
         self._ground = Ground.from_config(mission)
-        self._detector = MiniPix(response_of(mission.named(), mission.fusion.ground))
+        self._detector = detector_of(mission)
         self._numbers = {drone.id: number for number, drone in enumerate(mission.drones)}
         self._analysis = Analysis(Grid.around(area), self._detector, self._ground, mission.named(), self._config)
 
@@ -99,7 +98,7 @@ class FieldEstimator:
             before = replace(state, refinement=None)
             refinement = None if state.analysed is None else Refinement(lambda: self._refined(before))
             state = replace(state, refinement=refinement, refined=refined)
-        counted = tuple(one for one in observations if isinstance(one, CountObservation))
+        counted = tuple(one for one in observations if isinstance(one, CountObservation) and self._detector.fits(one))
         sigmas = {one.identity.drone: one.position_sigma_m for one in counted}
         return replace(state, pending=(*state.pending, *counted), position_sigma_m={**state.position_sigma_m, **sigmas})
 

@@ -36,6 +36,9 @@ class Detector(Protocol):
     def background_ps(self) -> Array:
         """(C,) counts by channel, per second, without contamination."""
 
+    def fits(self, observation: CountObservation) -> bool:
+        """Return whether an exposure is of this kind of detector."""
+
     def counted(self, observation: CountObservation) -> tuple[int, ...]:
         """Return the C counts of an exposure."""
 
@@ -57,6 +60,10 @@ class MiniPix:
     def background_ps(self) -> Array:
         """(2,) events per second without contamination."""
         return self.response.background_ps
+
+    def fits(self, observation: CountObservation) -> bool:
+        """Return whether an exposure is of a camera."""
+        return not observation.bins
 
     def counted(self, observation: CountObservation) -> tuple[int, ...]:
         """Return the partial-energy and full-energy events of an exposure."""
