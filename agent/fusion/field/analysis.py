@@ -11,7 +11,7 @@ import numpy as np
 from radron.agent.config.estimators import FieldEstimatorConfig
 from radron.agent.fusion.field.fit import Fitted, Problem
 from radron.agent.fusion.field.grid import Grid
-from radron.agent.fusion.field.kernel import Detector, KernelStore
+from radron.agent.fusion.field.kernel import AnyDetector, KernelStore
 from radron.agent.fusion.field.model import CountModel, Priors, Solution, of_drones
 from radron.agent.fusion.field.positive import PositiveMap
 from radron.agent.fusion.field.report import Blocks, contamination, total_of
@@ -41,7 +41,7 @@ class Analysed:
 class Analysis:
     """Fits sums of one mission."""
 
-    def __init__(self, grid: Grid, detector: Detector, ground: Ground, nuclide: str, config: FieldEstimatorConfig) -> None:
+    def __init__(self, grid: Grid, detector: AnyDetector, ground: Ground, nuclide: str, config: FieldEstimatorConfig) -> None:
         self._grid, self._detector, self._ground, self._nuclide = grid, detector, ground, nuclide
         self._config = config
         self._store = KernelStore(grid, detector)

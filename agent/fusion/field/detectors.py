@@ -1,28 +1,31 @@
-"""The detector whose counts the map of contaminated ground explains, by the mission: cameras, or ordinary detectors of one table."""
+"""Detectors whose counts the map of contaminated ground explains, by the mission: cameras, ordinary detectors, or both."""
 
 from __future__ import annotations
 
+from functools import cache
+
 from radron.agent.config.mission import MissionConfig
+from radron.agent.config.responses import ResponseTable
 from radron.agent.errors import ConfigError
 from radron.agent.fusion.bayes.response import response_of
-from radron.agent.fusion.field.kernel import Detector, MiniPix
+from radron.agent.fusion.field.kernel import AnyDetector, Detector, MiniPix, Mixed
 from radron.agent.fusion.ordinary import OrdinaryCounts
 
 
-def detector_of(mission: MissionConfig) -> Detector:
-    """Return the detector of all drones of a mission.
+def detector_of(mission: MissionConfig) -> AnyDetector:
+    """Return the detectors of a mission's drones.
 
     Raises:
-        ConfigError: drones have different detectors, ordinary ones are not over soil, the tables of counts lack the nuclide, or the
-            mission names several.
+        ConfigError: ordinary detectors are not over soil, the tables of counts lack the nuclide, or the mission names several.
     """
-    kinds = {(drone.detector, drone.response) for drone in mission.drones}
-    if len(kinds) > 1:
-        names = ", ".join(sorted(response or detector for detector, response in kinds))
-        raise ConfigError(f"fusion.estimator = 'field' needs the same detector on every drone, not {names}")
-    table = mission.table(mission.drones[0].id)
-    if table is None:
-        return MiniPix(response_of(mission.named(), mission.fusion.ground))
-    if mission.fusion.ground != "soil":
+    nuclide, ground = mission.named(), mission.fusion.ground
+    tables = {drone.id: mission.table(drone.id) for drone in mission.drones}
+    if ground != "soil" and any(tables.values()):
         raise ConfigError("fusion.ground: ordinary detectors need 'soil', whose scattered photons their expected counts include")
-    return OrdinaryCounts(table, mission.named())
+
+    @cache
+    def made(table: ResponseTable | None) -> Detector:
+        return MiniPix(response_of(nuclide, ground)) if table is None else OrdinaryCounts(table, nuclide)
+
+    each = tuple(made(table) for table in tables.values())
+    return each[0] if len(set(map(id, each))) == 1 else Mixed(tuple(tables), each)

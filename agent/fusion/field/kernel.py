@@ -10,6 +10,7 @@ by its middle, or by 2 x 2 points within ``NEAR`` heights. The ground is level b
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -82,6 +83,50 @@ class MiniPix:
 
 
 @dataclass(frozen=True, eq=False)
+class Mixed:
+    """The detectors of a mixed swarm, with the same channels. drones: ids; each: (D,) their detectors."""
+
+    drones: tuple[str, ...]
+    each: tuple[Detector, ...]
+
+    @property
+    def background_ps(self) -> Array:
+        """(C,) of the first detector; see ``backgrounds``."""
+        return self.each[0].background_ps
+
+    def fits(self, observation: CountObservation) -> bool:
+        """Return whether an exposure is of its drone's kind of detector."""
+        return self._of(observation).fits(observation)
+
+    def counted(self, observation: CountObservation) -> tuple[int, ...]:
+        """Return the C counts of an exposure."""
+        return self._of(observation).counted(observation)
+
+    def _of(self, observation: CountObservation) -> Detector:
+        return self.each[self.drones.index(observation.identity.drone)]
+
+
+AnyDetector = Detector | Mixed
+
+
+def backgrounds(detector: AnyDetector, drone: NDArray[np.int64]) -> Array:
+    """Return the counts of sums without contamination, (R, C) per second. drone: (R,) numbers of the drones."""
+    result = np.empty((len(drone), len(detector.background_ps)))
+    for kind, rows in _by_kind(detector, drone):
+        result[rows] = kind.background_ps
+    return result
+
+
+def _by_kind(detector: AnyDetector, drone: NDArray[np.int64]) -> Iterator[tuple[Detector, NDArray[np.intp]]]:
+    """Each kind of detector, with the rows of its drones."""
+    if not isinstance(detector, Mixed):
+        yield detector, np.arange(len(drone))
+        return
+    for kind in {id(one): one for one in detector.each}.values():
+        yield kind, np.flatnonzero(np.array([one is kind for one in detector.each])[drone])
+
+
+@dataclass(frozen=True, eq=False)
 class Kernels:
     """Kernels of R sums: direct, scattered: (R, C, N) counts per second of a becquerel per m2 in each of the grid's N cells;
     beyond: (2, R, C) the same of all ground beyond the grid.
@@ -95,20 +140,20 @@ class Kernels:
         return len(self.direct)
 
 
-def kernels_of(sums: Sums, height: Array, grid: Grid, detector: Detector) -> Kernels:
+def kernels_of(sums: Sums, height: Array, grid: Grid, detector: AnyDetector) -> Kernels:
     """Compute the kernels of sums; zero for a reference hover. height: (R,) of the detectors above the ground, metres."""
     rows, channels = len(sums), len(detector.background_ps)
     result = np.zeros((2, rows, channels, grid.size), np.float32)
     beyond = np.zeros((2, rows, channels))
-    place, facing = sums.place, sums.facing
-    for start in range(0, rows, _CHUNK):
-        part = slice(start, start + _CHUNK)
-        views = place[part], height[part], facing[part]
-        here = _of_cells(views, grid.centres, detector, grid.cell_m)
-        far = _points(views, grid.beyond, detector)
-        for kind in range(2):
-            result[kind, part] = np.moveaxis(here[kind], 2, 1) * grid.cell_m**2
-            beyond[kind, part] = np.einsum("rnc,n->rc", far[kind], grid.beyond_m2)
+    for kind, own in _by_kind(detector, sums.drone):
+        for start in range(0, len(own), _CHUNK):
+            part = own[start : start + _CHUNK]
+            views = sums.place[part], height[part], sums.facing[part]
+            here = _of_cells(views, grid.centres, kind, grid.cell_m)
+            far = _points(views, grid.beyond, kind)
+            for way in range(2):
+                result[way, part] = np.moveaxis(here[way], 2, 1) * grid.cell_m**2
+                beyond[way, part] = np.einsum("rnc,n->rc", far[way], grid.beyond_m2)
     result[:, sums.is_reference] = 0.0
     beyond[:, sums.is_reference] = 0.0
     return Kernels(result[0], result[1], beyond)
@@ -142,7 +187,7 @@ def _of_cells(views: Views, centres: Array, detector: Detector, cell_m: float) -
 class KernelStore:
     """Kernels of sums, each computed once: they are functions of a sum alone."""
 
-    def __init__(self, grid: Grid, detector: Detector) -> None:
+    def __init__(self, grid: Grid, detector: AnyDetector) -> None:
         self._grid, self._detector = grid, detector
         self._place: dict[bytes, int] = {}
         none = np.zeros((0, len(detector.background_ps), grid.size), np.float32)

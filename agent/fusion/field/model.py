@@ -21,7 +21,7 @@ import numpy as np
 
 from radron.agent.fusion.bayes.soil import SCATTER_SIGMA
 from radron.agent.fusion.field.grid import Grid
-from radron.agent.fusion.field.kernel import Detector, Floats, Kernels
+from radron.agent.fusion.field.kernel import AnyDetector, Floats, Kernels, backgrounds
 from radron.agent.fusion.field.sums import Sums
 from radron.agent.geometry import Array
 
@@ -91,13 +91,13 @@ class CountModel:
     """The sums with every term that does not depend on the solution."""
 
     def __init__(
-        self, sums: Sums, height: Array, kernels: Kernels, grid: Grid, detector: Detector, amplitude: Array | None = None
+        self, sums: Sums, height: Array, kernels: Kernels, grid: Grid, detector: AnyDetector, amplitude: Array | None = None
     ) -> None:
         """height: (R,) of the detectors above the ground, metres. amplitude: (N,) factor of the prior's scale in each cell."""
         self.amplitude: Array = np.ones(grid.size) if amplitude is None else amplitude
         self.sums, self.kernels, self.grid, self._detector = sums, kernels, grid, detector
         self.height, self.counts, self.live_s, self.drone = height, sums.counts, sums.live_s, sums.drone
-        self.background = self.live_s[:, None] * detector.background_ps
+        self.background = self.live_s[:, None] * backgrounds(detector, self.drone)
         self.weight: Array = 1.0 / (1.0 + _MODEL_ERROR**2 * self.counts.sum(axis=1, keepdims=True))
 
     @cached_property
