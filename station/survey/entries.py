@@ -16,6 +16,7 @@ from radron.agent.detector.readout import PixelHits, Readout
 from radron.agent.errors import ConfigError
 from radron.agent.terrain.ground import Ground
 from radron.protocol.codec import encode
+from radron.protocol.contamination import Contamination
 from radron.protocol.entries import MAX_LOGGED_EXPOSURE_NS, Counts, Exposure, PoseSample
 from radron.station.picture.swarmlog import SwarmLog
 from radron.station.survey.table import Array, Survey
@@ -87,13 +88,16 @@ def exposures(survey: Survey, mission: MissionConfig, drone: str, detector: Dete
 
 
 class Estimate(Struct, frozen=True):
-    """The estimate of a mission's estimator from a survey. exposures: number of those in its log; text: for people."""
+    """The estimate of a mission's estimator from a survey. exposures: number of those in its log; text: for people.
+    contamination: map of the ground, of an estimator that makes one.
+    """
 
     estimator: str
     exposures: int
     text: str
     position_m: tuple[float, ...] | None = None
     rms_m: float | None = None
+    contamination: Contamination | None = None
 
 
 def folded(mission: MissionConfig, found: list[Exposure]) -> Estimate:
@@ -112,10 +116,21 @@ def folded(mission: MissionConfig, found: list[Exposure]) -> Estimate:
     log.advance(now_ns + END_NS)
     while log.pending:
         log.advance(now_ns + END_NS)
-    name, hypothesis = log.fusion.estimator.name, log.fusion.hypothesis
+    name, hypothesis, ground = log.fusion.estimator.name, log.fusion.hypothesis, log.fusion.contamination
+    found_text = [] if ground is None else [_ground_text(ground)]
     if hypothesis is None:
-        return Estimate(name, taken, f"no source, by {name} from {taken} exposures")
+        found_text.append("no source")
+        return Estimate(name, taken, f"{', '.join(found_text)}, by {name} from {taken} exposures", contamination=ground)
     place = tuple(hypothesis.position.tolist())
     where = ", ".join(f"{one:.1f}" for one in place)
-    text = f"source at {where} m, 1 sigma {hypothesis.rms_m:.1f} m, by {name} from {taken} exposures"
-    return Estimate(name, taken, text, place, hypothesis.rms_m)
+    found_text.append(f"source at {where} m, 1 sigma {hypothesis.rms_m:.1f} m")
+    text = f"{', '.join(found_text)}, by {name} from {taken} exposures"
+    return Estimate(name, taken, text, place, hypothesis.rms_m, ground)
+
+
+def _ground_text(ground: Contamination) -> str:
+    total, highest = ground.total_bq, ground.highest_bqm2
+    return (
+        f"{ground.nuclide}: {ground.finding}; on the area {total.median:.3g} Bq ({total.low:.3g} to {total.high:.3g}), highest "
+        f"{highest.median:.3g} Bq/m2 ({highest.low:.3g} to {highest.high:.3g})"
+    )

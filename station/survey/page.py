@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radron.protocol.contamination import Contamination
 from radron.station.survey.check import PARTS, Statistics, smoothed
 from radron.station.survey.table import Array, Survey
 
@@ -35,6 +36,18 @@ def draw(figure: Figure, survey: Survey, edges_kev: Array, found: Statistics) ->
     else:
         gain.set(title="gain: no line strong enough")
     figure.suptitle(f"{found.records} records, {found.dropped} rows dropped, {len(found.empty)} empty, {found.gaps} gaps")
+
+
+def draw_ground(figure: Figure, ground: Contamination, places_m: Array) -> None:
+    """Draw the map of contaminated ground: medians of its blocks, and the records' places (N, 2) in the mission frame."""
+    axes = figure.subplots()
+    blocks = ground.unit_bqm2 * np.array(ground.median, float).reshape(-1, ground.across)
+    x, y = ground.corner_m
+    extent = (x, x + ground.block_m * blocks.shape[1], y, y + ground.block_m * blocks.shape[0])
+    shown = axes.imshow(blocks, origin="lower", extent=extent, cmap="viridis")
+    axes.figure.colorbar(shown, ax=axes, label=f"{ground.nuclide}, Bq/m2")
+    axes.plot(*places_m.T, ".", ms=1, color="white")
+    axes.set(xlabel="east, m", ylabel="north, m", title=f"{ground.finding}; surface-equivalent, blocks of {ground.block_m:.0f} m")
 
 
 def _draw_track(axes: Axes, survey: Survey, rates: Array) -> None:

@@ -14,8 +14,8 @@ from radron.agent.errors import ConfigError
 from radron.agent.extras import lacking
 from radron.agent.outputs import replacing
 from radron.station.survey.check import Statistics, energies_of, statistics
-from radron.station.survey.entries import exposures, folded
-from radron.station.survey.page import draw
+from radron.station.survey.entries import exposures, folded, places_m
+from radron.station.survey.page import draw, draw_ground
 from radron.station.survey.table import read_survey
 
 SOUND_INDEX = 0.1  # largest deviation of the Poisson index from 1, if it is not chance
@@ -47,7 +47,7 @@ def run_survey(
     if not np.all(np.diff(edges_kev) > 0.0):
         raise ConfigError(f"--energy {energy}: does not rise over {survey.counts.shape[1]} channels")
     found = statistics(survey, edges_kev, resolution)
-    estimate = None
+    estimate, flown = None, np.zeros((0, 2))
     mission_file, drone = fold
     if mission_file is not None:
         mission = load_mission(mission_file)
@@ -55,6 +55,7 @@ def run_survey(
         name = drone or (carriers[0] if len(carriers) == 1 else None)
         if name is None:
             raise ConfigError(f"--drone: name the drone with this detector; ordinary ones have {', '.join(carriers) or 'none'}")
+        flown = places_m(survey, mission)[:, :2]
         estimate = folded(mission, list(exposures(survey, mission, name, detector)))
     out.mkdir(parents=True, exist_ok=True)
     from matplotlib.figure import Figure  # noqa: PLC0415  takes half a second
@@ -63,13 +64,21 @@ def run_survey(
     draw(figure, survey, edges_kev, found)
     with replacing(out / "survey.png", (file,)) as part:
         figure.savefig(part, format="png", dpi=110)
+    files = ["survey.png", "survey.json"]
+    ground = None if estimate is None else estimate.contamination
+    if ground is not None:
+        figure = Figure(figsize=(8.0, 7.0), layout="constrained")
+        draw_ground(figure, ground, flown)
+        files.append("ground.png")
+        with replacing(out / "ground.png", (file,)) as part:
+            figure.savefig(part, format="png", dpi=110)
     told = {"survey": found, "dropped": survey.dropped[:100], "estimate": estimate}
     with replacing(out / "survey.json", (file,)) as part:
         part.write_bytes(msgspec.json.format(msgspec.json.encode(told), indent=1))
     print("\n".join(summary(found, survey.dropped)))
     if estimate is not None:
         print(f"estimate: {estimate.text}")
-    print(f"written to {out}: survey.png, survey.json")
+    print(f"written to {out}: {', '.join(files)}")
 
 
 def _detector(energy: str) -> DetectorConfig:
