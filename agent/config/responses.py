@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from radron.agent.config.mission import MissionConfig
 
 MAX_TABLE_BYTES = 1_000_000
-CAMERAS_ONLY = frozenset(
-    {"bayes", "sources", "field", "paper", "paper-geometric"}
-)  # estimators that take all counts for a camera's
+CAMERAS_ONLY = frozenset({"bayes", "sources", "paper", "paper-geometric"})  # estimators that take all counts for a camera's
 _FOLDER = Path(__file__).parent / "tables"
 _EnergyKev = Annotated[float, Meta(gt=0.0, le=20_000.0)]
 _Area = Annotated[float, Meta(ge=0.0, le=1e6)]  # cm2
