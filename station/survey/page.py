@@ -41,7 +41,8 @@ def draw(figure: Figure, survey: Survey, edges_kev: Array, found: Statistics) ->
 def draw_ground(figure: Figure, ground: Contamination, places_m: Array) -> None:
     """Draw the map of contaminated ground: medians of its blocks, and the records' places (N, 2) in the mission frame."""
     axes = figure.subplots()
-    blocks = ground.unit_bqm2 * np.array(ground.median, float).reshape(-1, ground.across)
+    medians = np.array([block.median for block in ground.blocks], np.float64)
+    blocks = ground.unit_bqm2 * medians.reshape(-1, ground.across)
     x, y = ground.corner_m
     extent = (x, x + ground.block_m * blocks.shape[1], y, y + ground.block_m * blocks.shape[0])
     shown = axes.imshow(blocks, origin="lower", extent=extent, cmap="viridis")
