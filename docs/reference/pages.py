@@ -17,7 +17,7 @@ import msgspec
 from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import MissionConfig
 from radron.deploy.fleet.config import FleetConfig
-from radron.protocol import codec, keys, messages, summary
+from radron.protocol import codec, contamination, keys, messages, summary
 from radron.sim import api
 from radron.sim.result import ConeTrace, RunResult, Trace
 from radron.sim.scenario import Scenario
@@ -147,7 +147,7 @@ def _protocol() -> str:
         parts.append(_message(outer, 2))
     parts.append("## Types within messages { #types-within-messages }\n")
     parts += [_message(next(fields.sections(kind)), 3) for kind in inner]
-    parts += [_enum(kind) for kind in (messages.Stage, messages.Action, messages.Reaction)]
+    parts += [_enum(kind) for kind in (messages.Stage, messages.Action, messages.Reaction, contamination.Finding)]
     return "\n".join(parts)
 
 
