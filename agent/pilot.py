@@ -49,6 +49,7 @@ from radron.protocol.keys import parse_key
 from radron.protocol.messages import AnyDroneMessage, Order, Stage, Ticket, Upload
 from radron.protocol.revocations import Revocation, Revoked
 from radron.protocol.signing import Trust, Verifier
+from radron.protocol.texts import CodedText
 
 
 class Step(Struct, frozen=True):
@@ -79,6 +80,7 @@ class Pilot:
         nonce_key: bytes,
         computing: Computing = ALONE,
         tells_obeyed: bool = True,
+        tells_codes: bool = True,
         judges_exposures: bool = True,
     ) -> None:
         """Set up the pilot program of one drone.
@@ -94,6 +96,7 @@ class Pilot:
                 commands need.
             computing: computations that depend on their inputs alone.
             tells_obeyed: whether the drone's statuses name the order obeyed last; False in the replay of an older record.
+            tells_codes: whether the statuses have codes of their texts; False in the replay of an older record.
             judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older record.
 
         Raises:
@@ -131,7 +134,16 @@ class Pilot:
         self._news = News(drone.id, boot, *judged_by)
         seen = self._problems, self._world, self._own, self._clocks, self._detector, self._peers, self._proofs, self._executive
         self._telling = Telling(
-            mission, drone.id, boot, self._outbox, self.counters, self._orders, self._commanding, self._revoking, *seen
+            mission,
+            drone.id,
+            boot,
+            self._outbox,
+            self.counters,
+            self._orders,
+            self._commanding,
+            self._revoking,
+            *seen,
+            tells_codes=tells_codes,
         )
 
     def observe_clock(self, ahead_ns: int, now_ns: int) -> None:
@@ -259,7 +271,7 @@ class Pilot:
         self.advance(now_ns)
         before = self._told
         act = self._executive.step(now_ns, self._peers)
-        self._told = self.stage, bool(self.finding)
+        self._told = self.stage, self.finding is not None
         if self._told != before:
             self._telling.hurry(now_ns)
         if act.plan is not None:
@@ -282,11 +294,11 @@ class Pilot:
             if (doubted := self._numbers.since(span_ns[0])) is not None:
                 self._record([self._observer.retraction(now_ns, *doubted)], now_ns)
 
-    def warn(self, problems: tuple[str, ...]) -> None:
+    def warn(self, problems: tuple[CodedText, ...]) -> None:
         """Set the warnings that the surrounding process (the shell) has for the operator. They replace its previous warnings."""
         self._problems.warned = problems
 
-    def block(self, problems: tuple[str, ...]) -> None:
+    def block(self, problems: tuple[CodedText, ...]) -> None:
         """Set the problems that the surrounding process (the shell) found, and that prevent a start. They replace its previous
         problems.
         """
@@ -298,7 +310,7 @@ class Pilot:
         """
         return self._orders.ticket(now_ns)
 
-    def notice(self, notices: tuple[str, ...]) -> None:
+    def notice(self, notices: tuple[CodedText, ...]) -> None:
         """Set the notices of the surrounding process (the shell) to the operator, which are no problems of this flight.
 
         They replace its previous notices.
@@ -370,8 +382,8 @@ class Pilot:
         return self._world.backlog_s
 
     @property
-    def finding(self) -> str:
-        """The result in words of a search that ended without finding a source; empty in all other cases."""
+    def finding(self) -> CodedText | None:
+        """The result of a search that ended without finding a source; None in all other cases."""
         return self._executive.finding
 
     @property
@@ -385,7 +397,7 @@ class Pilot:
         return self._revoking.held
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Problems of this drone, as published in its last status."""
         return self._telling.told
 

@@ -47,6 +47,7 @@ MAX_READABLE_EXPOSURE_NS = 60_000_000_000  # readable: records of former release
 MAX_LOGGED_EXPOSURE_NS = 2_000_000_000  # accepted by a log
 MAX_CHANNELS = 128  # of an ordinary detector's spectrum in an exposure: 2 kB with the poses of 2 s
 SIGNATURE_BYTES = 64  # Ed25519
+Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
 Proof = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES + 1 + 16 * 5)]
 
 

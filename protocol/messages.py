@@ -22,10 +22,11 @@ from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from radron.protocol.checks import flaw_of_covariance, is_unit
 from radron.protocol.contamination import Contamination
-from radron.protocol.entries import SIGNATURE_BYTES, AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Retraction, Sighting
+from radron.protocol.entries import AnyEntry, Cone, Coverage, Credential, Exposure, Fix, Retraction, Sighting, Signature
 from radron.protocol.message import DroneMessage, StationMessage
 from radron.protocol.revocations import Revocation, Revoked
 from radron.protocol.spectrum import BINS, Line
+from radron.protocol.texts import MAX_NOTICES, MAX_PROBLEMS, MAX_TEXT, Codes, Texts
 from radron.protocol.units import (
     BootId,
     Certificate,
@@ -63,7 +64,6 @@ MAX_ORDER_AGE_NS = 5_000_000_000  # of a command or an upload, from the operator
 Becquerels = Annotated[float, Meta(ge=0.0, le=1e18)]
 DelayNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 SilenceNs = Annotated[int, Meta(ge=0, le=2**62)]
-Signature = Annotated[bytes, Meta(max_length=SIGNATURE_BYTES)]
 
 
 class Stage(StrEnum):
@@ -304,8 +304,9 @@ class Status(DroneMessage, frozen=True, kw_only=True):
         upload: answer to an uploaded mission; None: no upload since the start of the agent.
         disowns: true if the drone has recently received messages under its own id that it did not send; else left out.
         obeyed: last executed order. An empty field is left out, so that readers of former versions can verify the other fields.
+        codes: the codes of problems, finding and notices; left out without them, as ``obeyed`` is.
         certificate: the drone's certificate (X.509, DER).
-        signature: the drone's signature of all fields except ``obeyed``.
+        signature: the drone's signature of all fields except ``obeyed`` and ``codes``.
     """
 
     mission: MissionId
@@ -313,19 +314,29 @@ class Status(DroneMessage, frozen=True, kw_only=True):
     stage: Stage
     battery: Probability | None = None
     counters: Annotated[dict[Annotated[str, Meta(max_length=64)], Count], Meta(max_length=64)] = field(default_factory=dict)
-    problems: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=32)] = ()
-    finding: Annotated[str, Meta(max_length=256)] = ""
+    problems: Annotated[tuple[Annotated[str, Meta(max_length=MAX_TEXT)], ...], Meta(max_length=MAX_PROBLEMS)] = ()
+    finding: Annotated[str, Meta(max_length=MAX_TEXT)] = ""
     recognised: Recognised | None = None  # None: no nuclide stands out (yet)
     started_ns: StampNs | None = None
-    notices: Annotated[tuple[Annotated[str, Meta(max_length=256)], ...], Meta(max_length=8)] = ()
+    notices: Annotated[tuple[Annotated[str, Meta(max_length=MAX_TEXT)], ...], Meta(max_length=MAX_NOTICES)] = ()
     delays_ns: Annotated[dict[DroneId, DelayNs], Meta(max_length=64)] = field(default_factory=dict)
     ticket: Ticket | None = None
     failsafe: Failsafe | None = None
     upload: Answer | None = None
     disowns: bool | UnsetType = UNSET
     obeyed: Obeyed | UnsetType = UNSET
+    codes: Codes | UnsetType = UNSET
     certificate: Certificate = b""
     signature: Signature = b""
+
+    def flaw(self) -> str | None:
+        """Return an error text if the numbers of codes and texts differ; else None."""
+        return None if self.codes is UNSET else self.codes.flaw(self.problems, self.finding, self.notices)
+
+    @property
+    def texts(self) -> Texts:
+        """Problems, finding and notices, with their codes."""
+        return Texts.read(self.problems, self.finding, self.notices, None if self.codes is UNSET else self.codes)
 
 
 class Order(StationMessage, frozen=True, kw_only=True):

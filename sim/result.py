@@ -117,6 +117,7 @@ class RunResult(Struct, frozen=True, kw_only=True):
     bound_relative_median_m: float | None = None
     nothing_found: bool = False
     finding: str = ""
+    finding_code: str = ""
     excluded_bq: float | None = None
     excluded_nuclides_bq: dict[str, float] | None = None
     false_hypothesis: bool = False

@@ -14,6 +14,7 @@ import structlog
 from radron.agent.shell.folding import Folding
 from radron.protocol.mesh.recovery import recover
 from radron.protocol.mesh.session import Mesh, MeshConfig
+from radron.protocol.texts import CodedText
 from radron.station.commander import Commander, may_command
 from radron.station.hub import Hub
 from radron.station.picture.picture import Picture
@@ -76,7 +77,7 @@ class SlowEstimates:
         self._task: asyncio.Task[None] | None = None
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Why the displayed estimate is not current; empty if it is."""
         problem = self._folding.problem if self._folding is not None else None
         return () if problem is None else (problem,)

@@ -8,8 +8,8 @@ from math import atan2, degrees, isfinite
 from shapely import Point, Polygon
 
 from radron.agent.config.mission import AreaConfig
-
-OUTSIDE = "source outside the fence"
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 
 def bearing_beyond(area: AreaConfig, x: float, y: float) -> float | None:
@@ -23,10 +23,11 @@ def bearing_beyond(area: AreaConfig, x: float, y: float) -> float | None:
     return degrees(atan2(x - polygon.centroid.x, y - polygon.centroid.y)) % 360.0
 
 
-def outside_texts(area: AreaConfig, places: Iterable[tuple[float, float]]) -> list[str]:
+def outside_texts(area: AreaConfig, places: Iterable[tuple[float, float]]) -> list[CodedText]:
     """Return a line of text for the operator for each place (m, mission frame) of a source that lies beyond the fence."""
     bearings = [bearing_beyond(area, x, y) for x, y in places]
-    return [f"{OUTSIDE}, {towards(bearing_deg)}" for bearing_deg in bearings if bearing_deg is not None]
+    text = "source outside the fence, {}"
+    return [CodedText(Code.SOURCE_OUTSIDE, text.format(towards(one))) for one in bearings if one is not None]
 
 
 def towards(bearing_deg: float) -> str:

@@ -9,7 +9,6 @@ from msgspec import Meta
 from radron.agent.config.section import Activity, Positive, Section
 from radron.agent.errors import ConfigError
 
-MAPPED = "mapped"  # begins the result of a survey for a map
 
 
 class SurveyConfig(Section, frozen=True, kw_only=True):

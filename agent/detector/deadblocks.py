@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from radron.agent.detector.files.calibration import Calibration
 from radron.agent.detector.readout import SENSOR_PIXELS
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 BLOCK_PIXELS = 32  # pixels; a side of the sensor has 8 blocks
 SENSOR_BLOCKS = (SENSOR_PIXELS // BLOCK_PIXELS) ** 2
@@ -38,12 +40,13 @@ class DeadBlocks:
             self._hits[:] = self._total = 0
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """A line for the operator while the sensor has dead blocks (32 x 32 pixels without a hit); empty otherwise."""
         if self.dead == 0:
             return ()
         share = f"{self.dead} of {SENSOR_BLOCKS} blocks of the sensor"
-        return (f"camera: no hit in {share}: its counts are at least {self.dead / SENSOR_BLOCKS:.0%} low; calibrate it",)
+        text = f"camera: no hit in {share}: its counts are at least {self.dead / SENSOR_BLOCKS:.0%} low; calibrate it"
+        return (CodedText(Code.CAMERA_DEAD_BLOCKS, text),)
 
 
 def _block(index: NDArray[np.integer]) -> NDArray[np.integer]:

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radron.agent.detector.readout import SENSOR_PIXELS, PixelHits
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 BEAT_NS = 100_000_000  # a burst falls within one beat, or two
 MAX_RATE_RATIO = 400  # rate limit of a pixel, in multiples of the mean of all pixels
@@ -50,11 +52,12 @@ class NoiseMask:
         self._term = np.zeros(_PIXELS, np.int16)  # length of its latest mask, periods
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """A line for the operator while noisy pixels are masked; empty otherwise."""
         if self.pixels == 0:
             return ()
-        return (f"camera: {self.pixels} noisy {'pixel' if self.pixels == 1 else 'pixels'} masked",)
+        text = f"camera: {self.pixels} noisy {'pixel' if self.pixels == 1 else 'pixels'} masked"
+        return (CodedText(Code.CAMERA_NOISY, text),)
 
     def without_noise(self, hits: PixelHits, clock_ns: int, since_ns: int) -> PixelHits:
         """Return the hits, sorted by time, without the hits of noisy pixels.

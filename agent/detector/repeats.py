@@ -8,6 +8,8 @@ from hashlib import blake2b
 from msgspec.structs import replace
 
 from radron.agent.detector.readout import PixelHits, Readout
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 KEPT_READOUTS = 64  # readouts that the present one is compared with: 13 s of them
 MIN_COMPARED_PIXELS = 3  # of a readout that is compared
@@ -32,9 +34,10 @@ class Repeats:
         self.readouts = 0  # left out so far
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """A line for the operator while the camera repeats readouts (pixel hits of one interval); empty otherwise."""
-        return ("camera: it delivers the same hits again and again; they are not used",) if self._hangs else ()
+        text = "camera: it delivers the same hits again and again; they are not used"
+        return (CodedText(Code.CAMERA_REPEATS, text),) if self._hangs else ()
 
     def without(self, readout: Readout) -> Readout:
         """Return the readout if it is new. A repeated readout is returned without hits and with live time 0: nothing was measured

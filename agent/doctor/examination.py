@@ -70,7 +70,7 @@ async def examine(
 
 def _check(finding: Finding, others: list[str]) -> Check:
     area = "swarm" if finding.name in others else _AREAS.get(finding.name, "autopilot")
-    return Check(area, finding.name, finding.verdict, finding.text)
+    return Check(area, finding.name, finding.verdict, str(finding.text))
 
 
 def folded(checks: list[Check]) -> list[Check]:

@@ -50,7 +50,8 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     certificates; ``authority``: certificate of the swarm's authority (PEM). ``nonce_key``: key of this run's nonces (numbers that
     commands must carry); worthless once the run has ended. ``origin``: of a mission that an operator has uploaded; None: the
     mission is from the mission file. ``deferred``: whether a slow estimator was computed in another process. ``tells_obeyed``:
-    whether the statuses state the last order obeyed; in older records they do not. ``judges_exposures``: whether exposures that
+    whether the statuses state the last order obeyed; in older records they do not. ``tells_codes``: whether the statuses have
+    codes of their texts. ``judges_exposures``: whether exposures that
     overlap or are too long do not count; in older records they did. ``tables``: version of the tables of a camera's counts; empty
     in older records.
     """
@@ -69,6 +70,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     origin: Origin | None = None
     deferred: bool = False
     tells_obeyed: bool = False
+    tells_codes: bool = False
     judges_exposures: bool = False
     tables: str = ""
 
@@ -112,6 +114,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             origin=origin,
             deferred=deferred,
             tells_obeyed=True,
+            tells_codes=True,
             judges_exposures=True,
             tables=tables_version(),
         )
@@ -142,6 +145,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             nonce_key=self.nonce_key,
             computing=computing,
             tells_obeyed=self.tells_obeyed,
+            tells_codes=self.tells_codes,
             judges_exposures=self.judges_exposures,
         )
 

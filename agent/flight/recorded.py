@@ -20,6 +20,7 @@ from radron.agent.pilot import Pilot, Step
 from radron.agent.vehicle.interface import GnssFix, SeenDrone, VehicleState
 from radron.protocol.messages import Stage, Ticket, Upload
 from radron.protocol.revocations import Revocation
+from radron.protocol.texts import CodedText
 
 MOST_REFUSED = 20  # commands recorded with their reason, in each second: a flood must not fill a record
 
@@ -62,8 +63,8 @@ class RecordedPilot:
         return self._pilot.outlook
 
     @property
-    def finding(self) -> str:
-        """The result in words of a search that has found nothing; empty in all other cases."""
+    def finding(self) -> CodedText | None:
+        """The result of a search that has found nothing; None in all other cases."""
         return self._pilot.finding
 
     @property
@@ -145,19 +146,19 @@ class RecordedPilot:
         self._run(self._pilot.advance, now_ns)
         self._tell_hypothesis(now_ns)
 
-    def warn(self, problems: tuple[str, ...]) -> None:
+    def warn(self, problems: tuple[CodedText, ...]) -> None:
         """Record the warnings for the operator, and pass them to the pilot program, see ``Pilot.warn``."""
-        self._sink.write(topics.WARN, msgspec.json.encode(problems))
+        self._sink.write(topics.WARN, topics.encode_texts(problems))
         self._run(self._pilot.warn, problems)
 
-    def block(self, problems: tuple[str, ...]) -> None:
+    def block(self, problems: tuple[CodedText, ...]) -> None:
         """Record problems that prevent a start, and pass them to the pilot program, see ``Pilot.block``."""
-        self._sink.write(topics.BLOCK, msgspec.json.encode(problems))
+        self._sink.write(topics.BLOCK, topics.encode_texts(problems))
         self._run(self._pilot.block, problems)
 
-    def notice(self, notices: tuple[str, ...]) -> None:
+    def notice(self, notices: tuple[CodedText, ...]) -> None:
         """Record notices to the operator, and pass them to the pilot program, see ``Pilot.notice``."""
-        self._sink.write(topics.NOTICE, msgspec.json.encode(notices))
+        self._sink.write(topics.NOTICE, topics.encode_texts(notices))
         self._run(self._pilot.notice, notices)
 
     def decline(self, reason: str) -> None:

@@ -14,6 +14,8 @@ from typing import NamedTuple
 from radron.agent.errors import FlightRecordError
 from radron.agent.flight.header import FlightHeader
 from radron.agent.flight.segment import Segment, prune, segment_path
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 SEGMENT_BYTES = 64_000_000  # at most, and at most a quarter of the limit, so that old records are removed in small portions
 MOST_WAITING_BYTES = 32_000_000  # minutes of flight; if the disk stalls for longer, records are lost
@@ -75,12 +77,12 @@ class FlightRecorder:
         self._thread.start()
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Present problems of the flight recorder, one line each, such as a slow disk."""
         problem = self._problem
         if problem is None and self._is_full:
             problem = f"flight records are being lost: the disk is too slow ({self._folder})"
-        return (problem,) if problem is not None else ()
+        return (CodedText(Code.RECORDS_LOST, problem),) if problem is not None else ()
 
     @property
     def _is_full(self) -> bool:

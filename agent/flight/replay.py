@@ -227,7 +227,7 @@ def _action(pilot: RecordedPilot, answer: Answer, call: FlightRecord) -> Callabl
         case topics.QUERY:
             return lambda: pilot.log_answer(data)
         case topics.WARN | topics.BLOCK | topics.NOTICE:
-            texts = msgspec.json.decode(data, type=tuple[str, ...])
+            texts = topics.decode_texts(data)
             tell = {topics.WARN: pilot.warn, topics.BLOCK: pilot.block, topics.NOTICE: pilot.notice}[topic]
             return lambda: tell(texts)
         case topics.ANSWERED:

@@ -8,6 +8,7 @@ call when it was made, of a result when it was there. ``sequence`` counts the re
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from math import isfinite
 from typing import Protocol
 
@@ -19,6 +20,7 @@ from radron.agent.detector.wire import Unpacker, pack
 from radron.agent.errors import DetectorError, FlightRecordError
 from radron.agent.fusion.estimator import Hypothesis
 from radron.agent.vehicle.interface import GnssFix, SeenDrone, VehicleCommand, VehicleState
+from radron.protocol.texts import CodedText
 
 VEHICLE = "in/vehicle"  # JSON: telemetry
 DETECTOR = "in/detector"  # readout as in agent/detector/wire.py
@@ -26,7 +28,7 @@ FIX = "in/fix"  # JSON: of a satellite receiver
 SIGHTINGS = "in/sightings"  # JSON: list of relative observations made at one time
 MESSAGE = "in/message"  # msgpack: [key, payload]
 QUERY = "in/query"  # a peer's request for missing log entries: protocol/summary.py
-WARN = "in/warn"  # JSON: list of texts
+WARN = "in/warn"  # JSON: as ``encode_texts``
 BLOCK = "in/block"
 NOTICE = "in/notice"
 ANSWERED = "in/answered"  # JSON: number of a question of the estimator, at the time of its answer: agent/fusion/deferred.py
@@ -110,6 +112,17 @@ def decode_message(data: bytes) -> tuple[str, bytes]:
     """Decode key (address) and payload of a message from a flight record."""
     key, payload = msgpack.unpackb(data)
     return key, payload
+
+
+def encode_texts(texts: Iterable[CodedText]) -> bytes:
+    """Encode texts for the operator as JSON for the flight record: a list of [words, code, drone that the text is about]."""
+    return msgspec.json.encode([(str(text), text.code, text.about) for text in texts])
+
+
+def decode_texts(data: bytes) -> tuple[CodedText, ...]:
+    """Decode texts for the operator from a flight record; older records have the words alone."""
+    rows = msgspec.json.decode(data, type=tuple[str | tuple[str, str, str | None], ...])
+    return tuple(CodedText("", row) if isinstance(row, str) else CodedText(row[1], row[0], row[2]) for row in rows)
 
 
 def encode_command(command: VehicleCommand) -> bytes:

@@ -6,9 +6,11 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 
 from radron.protocol.codec import as_bytes
+from radron.protocol.codes import Code
 from radron.protocol.entries import Credential, Entry
 from radron.protocol.messages import Status
 from radron.protocol.signing import Trust, Verifier, sign_entries, sign_status
+from radron.protocol.texts import CodedText
 
 MAX_UNPROVEN = 500  # entries of a drone that wait for its certificate; more are left to the log query
 FORGERY_REPORTED_NS = 10_000_000_000  # duration of the report on forgeries
@@ -94,13 +96,14 @@ class Proofs:
             if isinstance(entry, Credential):
                 yield from self._released(entry, now_ns)
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Return one line for each drone in whose name forged or altered messages arrived recently."""
         told = []
         for name in sorted(self._forged_ns):
             if abs(now_ns - self._forged_ns[name]) < FORGERY_REPORTED_NS:
                 kinds = ", ".join(f"{number} x {kind}" for kind, number in sorted(self.forged[name].items()))
-                told.append(f"messages of {name} that it has not signed were dropped: {kinds}")
+                text = f"messages of {name} that it has not signed were dropped: {kinds}"
+                told.append(CodedText(Code.MESSAGES_UNSIGNED, text, name if name in self._waiting else None))
         return tuple(told)
 
     def _released(self, credential: Credential, now_ns: int) -> Iterator[Received]:

@@ -35,7 +35,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from radron.agent.owntime import Utc
+from radron.protocol.codes import Code
 from radron.protocol.messages import Plan, Pose, Status
+from radron.protocol.texts import CodedText
 
 N = TypeVar("N", bound=Pose | Plan | Status)
 
@@ -256,14 +258,15 @@ class Clocks:
         """Whether stamps by the own clock may be wrong."""
         return max(abs(self.offset_s), self._back_s) > LIMIT_S
 
-    def problem(self, now_ns: int) -> str | None:
+    def problem(self, now_ns: int) -> CodedText | None:
         """The problem of the own clock reported to the operator; None while it is right."""
         if abs(self.offset_s) <= LIMIT_S:
             return None
         ahead = self.offset_s > 0.0
         far = [name for name, offset_s in self.offsets_s(now_ns).items() if (offset_s > 0.0) is ahead and abs(offset_s) > LIMIT_S]
         direction = "ahead of" if ahead else "behind"
-        return f"its clock is {abs(self.offset_s):.2f} s {direction} {', '.join(far) or 'the others'}: check chrony"
+        text = f"its clock is {abs(self.offset_s):.2f} s {direction} {', '.join(far) or 'the others'}: check chrony"
+        return CodedText(Code.CLOCK_OFF, text)
 
     def sigma_m(self, speed_mps: float) -> float:
         """1 sigma (m) that the own clock's offset, or a step of the common time, adds to a position; 0 within the limit."""

@@ -9,6 +9,8 @@ from msgspec.structs import replace
 
 from radron.agent.geometry import yaw_of
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 JUMP_M, JUMP_RAD = 1.0, 0.15  # corrections of a filter within one step stay below these
 HARDEST_RPS2 = 6.0  # no vehicle turns faster or slower more suddenly
@@ -56,11 +58,11 @@ class JumpDetector:
             state = replace(state, position_trusted=False, position_sigma_m=sigma_m)
         return replace(state, epoch=state.epoch + self.offset) if self.offset else state
 
-    def problem(self, now_ns: int) -> str | None:
+    def problem(self, now_ns: int) -> CodedText | None:
         """The last jump in words; None where there was none in the last minute."""
         if not self.jumps or now_ns - self._jump_ns >= _TOLD_NS:
             return None
-        return f"its localisation {self._jump} without announcing it"
+        return CodedText(Code.LOCALISATION_JUMP, f"its localisation {self._jump} without announcing it")
 
     def _compare(self, last: VehicleState, state: VehicleState) -> None:
         """Compare successive telemetry. A jump is a step that differs from the integrated velocity by more than maximum speed and

@@ -26,7 +26,9 @@ from radron.agent.localization.resting import Resting
 from radron.agent.motion.reference import PeerState
 from radron.agent.vehicle.grounded import Grounded
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
 from radron.protocol.entries import CarriedFrame, Entry, Sighting
+from radron.protocol.texts import CodedText
 
 FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
 _NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
@@ -258,10 +260,11 @@ class OwnPose:
             return None
         return PeerState(frame.apply_point(state.position_m), frame.rotate_direction(state.velocity_mps))
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Problems of implausible telemetry: unannounced jumps, false reports of a landing, motion on the ground."""
         doubt_m = self.doubt_m
-        doubted = f"it may be {doubt_m:.0f} m from where it believes to be: its localisation has jumped" if doubt_m else None
+        text = f"it may be {doubt_m:.0f} m from where it believes to be: its localisation has jumped"
+        doubted = CodedText(Code.POSITION_DOUBTFUL, text) if doubt_m else None
         told = (self._jumps.problem(now_ns), doubted, self._grounded.problem(now_ns), self._resting.problem())
         return tuple(text for text in told if text is not None)
 

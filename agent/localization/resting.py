@@ -8,6 +8,8 @@ from msgspec.structs import replace
 
 from radron.agent.geometry import Vector3
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 # A standing receiver's position wanders by a metre or two (multipath, the constellation). With spoofing, or a diverging filter,
 # it moves on and on. This limit and the stated errors avoid false alarms.
@@ -41,11 +43,12 @@ class Resting:
             return state
         return replace(state, position_trusted=False, position_sigma_m=max(state.position_sigma_m, self.moved_m))
 
-    def problem(self) -> str | None:
+    def problem(self) -> CodedText | None:
         """Return the message to the operator on a vehicle that seems to have moved."""
         if not self.moved_m:
             return None
-        return f"has moved by {self.moved_m:.0f} m since it landed, if its localisation is right: what it measures is not used"
+        text = f"has moved by {self.moved_m:.0f} m since it landed, if its localisation is right: what it measures is not used"
+        return CodedText(Code.MOVED_AFTER_LANDING, text)
 
     def _compare(self, state: VehicleState) -> None:
         if self._place is None or (self._place[0] != state.epoch and not self.moved_m):

@@ -19,8 +19,10 @@ from radron.agent.mission.transitions import REQUESTS
 from radron.agent.vehicle.grounded import STILL_NS
 from radron.agent.vehicle.interface import FlightMode, Request, VehicleState
 from radron.agent.vehicle.requests import TARGETS
+from radron.protocol.codes import Code
 from radron.protocol.messages import Stage
 from radron.protocol.stages import DESCENDING, STEERED
+from radron.protocol.texts import CodedText
 
 TAKEOVER_NS = 1_500_000_000  # a heartbeat is up to 1 s old: wait longer before taking a mode for a takeover
 FAILSAFE_NS = 3_000_000_000  # the same for a failsafe, which may pass
@@ -218,14 +220,16 @@ class Authority(Struct, frozen=True):
         """
         return self.mode_since_ns is not None and now_ns - self.mode_since_ns >= FAILSAFE_NS
 
-    def problem(self, now_ns: int) -> str | None:
+    def problem(self, now_ns: int) -> CodedText | None:
         """Return the message to the operator on a vehicle that does not follow its agent; None while it does."""
         if self.unfollowed_since_ns is None or now_ns - self.unfollowed_since_ns < UNFOLLOWED_NS:
             return None
         lasts = f"for {(now_ns - self.unfollowed_since_ns) * 1e-9:.0f} s"
         if self.is_released:
-            return f"under the control of a human pilot or of its failsafe: the autopilot has been in {self.mode} {lasts}"
-        return f"not following its mission: the autopilot has been in {self.mode}, not in offboard, {lasts}"
+            text = f"under the control of a human pilot or of its failsafe: the autopilot has been in {self.mode} {lasts}"
+            return CodedText(Code.MANUAL_CONTROL, text)
+        text = f"not following its mission: the autopilot has been in {self.mode}, not in offboard, {lasts}"
+        return CodedText(Code.MODE_NOT_FOLLOWED, text)
 
     def _event(self, view: View) -> Event | None:
         """Derive the event from telemetry and time."""

@@ -14,12 +14,17 @@ from radron.agent.mission.problems import Problems
 from radron.agent.mission.uploads import Ground, Uploads
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.owntime import Utc
+from radron.protocol.codes import Code
 from radron.protocol.messages import Action, AnyOrder, Command, Status, Upload
+from radron.protocol.texts import CodedText
 
-UNPLACED = "its heading is not known, and it has neither seen another drone nor been seen by one yet"
-DISPLACED = (
+UNPLACED = CodedText(
+    Code.HEADING_UNKNOWN, "its heading is not known, and it has neither seen another drone nor been seen by one yet"
+)
+DISPLACED = CodedText(
+    Code.DISPLACED,
     "its localisation jumped before this agent was started, or while nothing was heard of the vehicle: "
-    "restart autopilot and agent at its launch place"
+    "restart autopilot and agent at its launch place",
 )
 PASSING = "{name} flies past so near that a takeoff would be in its way; start again in a moment"
 
@@ -75,13 +80,13 @@ class Commanding:
     def _take(self, upload: Upload, now_ns: int) -> str | None:
         return self.uploads.judge(upload, Ground(now_ns, self._executive.stage, self._own.vehicle, self._peers.statuses(now_ns)))
 
-    def against_start(self, now_ns: int, statuses: Mapping[str, Status]) -> tuple[str, ...]:
+    def against_start(self, now_ns: int, statuses: Mapping[str, Status]) -> tuple[CodedText, ...]:
         """Return what prevents a start. ``statuses``: of the other drones, by id."""
         found = (
             UNPLACED if self._own.is_unplaced else None,
             DISPLACED if self._own.is_displaced else None,
             self.uploads.obstacle,
-            *(PASSING.format(name=name) for name in self._executive.passing(now_ns, self._peers)),
+            *(CodedText(Code.TRAFFIC, PASSING.format(name=name), name) for name in self._executive.passing(now_ns, self._peers)),
         )
         obstacles = [text for text in found if text is not None]
         return self._problems.against_start(now_ns, self._own.vehicle, statuses, obstacles)

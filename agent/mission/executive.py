@@ -35,9 +35,11 @@ from radron.agent.navigation.reckoning import Reckoning
 from radron.agent.navigation.surveying import CoverageLog, InformedSearch, Prospect, Search, conclusion
 from radron.agent.navigation.unheard.crossing import low_m
 from radron.agent.vehicle.interface import Request, VehicleCommand, VehicleState
+from radron.protocol.codes import Code
 from radron.protocol.entries import Coverage
 from radron.protocol.messages import Action, Plan, Stage
 from radron.protocol.stages import ON_GROUND, RETURNING, SEARCHING
+from radron.protocol.texts import CodedText
 
 Searched = tuple[int, int, tuple[tuple[float, float], ...]]
 _LONGEST_FLIGHT_NS = 3_600_000_000_000  # no battery of a small multicopter lasts longer
@@ -54,7 +56,7 @@ class Decision(Struct, frozen=True):
 class Executive:
     """Flies the mission of one drone.
 
-    ``finding``: the result of a search that ended without finding a source; else empty. ``remembering``: state for an agent that
+    ``finding``: the result of a search that ended without finding a source; else None. ``remembering``: state for an agent that
     is restarted in flight.
     """
 
@@ -84,7 +86,8 @@ class Executive:
         informed = InformedSearch(mission, self.prospect)
         self._navigator = Navigator(mission, drone, own, frames, self._search, informed, self._measured)
         self._reserve = Reserve(drone.id, mission.safety.battery_reserve)
-        self.finding, self._revoked = "", False
+        self.finding: CodedText | None = None
+        self._revoked = False
         self._left: Hypothesis | None = None  # the last one of a drone that is revoked: the others circle there
         self.remembering = Remembering(mission.mission_id, self._mission, self._navigator, own, counters, memory, self._utc)
 
@@ -127,7 +130,9 @@ class Executive:
         started_ns = self._mission.flight.started_ns
         return None if self.stage in ON_GROUND or started_ns == 0 else started_ns
 
-    def obey(self, action: Action, stamp_ns: int, begun_ns: int | None, now_ns: int, problems: tuple[str, ...]) -> str | None:
+    def obey(
+        self, action: Action, stamp_ns: int, begun_ns: int | None, now_ns: int, problems: tuple[CodedText, ...]
+    ) -> str | None:
         """Carry out an operator's command of that stamp. Returns why it was refused, or None.
 
         ``begun_ns``: when the swarm's mission began, as other drones report; None without a report: then a start begins the
@@ -139,7 +144,7 @@ class Executive:
             return refused
         if action is Action.START and self._own.vehicle is not None:
             self._navigator.take_off(self._own.vehicle)
-            self.finding = ""
+            self.finding = None
             self._begin(started_ns)
             self._coverage = CoverageLog(self._search.swath_m)
         return None
@@ -178,17 +183,16 @@ class Executive:
         """Return the time without a pose of each other drone at a stamp."""
         return self._navigator.silences_ns(peers, stamp_ns)
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Problems of this drone's flight for the operator, one line each."""
         unsteered, landed = self._mission.unsteered(now_ns), self._mission.flight.landed_because
         coming_down = "landed" if self.stage is Stage.LANDED else "lands"
-        absence = self._navigator.absence
-        unheard = f"does not hear {', '.join(absence.unheard)} any more" if absence is not None and absence.unheard else None
-        unhearing = f"is not heard by {', '.join(absence.unhearing)}" if absence is not None and absence.unhearing else None
         low = LOW_BATTERY if self._reserve.is_low else None
-        why = f"{coming_down}: {landed}" if landed else None
+        why = CodedText(Code.LANDING, f"{coming_down}: {landed}") if landed else None
         standing = self._mission.standing_armed(now_ns)
-        told = (unsteered, standing, unheard, unhearing, low, why, self._navigator.response.problem)
+        absence = self._navigator.absence
+        links = absence.problems if absence is not None else ()
+        told = (unsteered, standing, *links, low, why, self._navigator.response.problem)
         return tuple(text for text in told if text is not None)
 
     def take_coverage(self, entry: Coverage, anew: bool) -> None:
@@ -254,7 +258,7 @@ class Executive:
         self._world.start(started_ns)
         self._search.begin(started_ns)
 
-    def _situation(self, now_ns: int, problems: tuple[str, ...] = ()) -> Situation:
+    def _situation(self, now_ns: int, problems: tuple[CodedText, ...] = ()) -> Situation:
         vehicle, hypothesis = self._own.vehicle, self._world.fusion.hypothesis
         at_home = self.stage is Stage.RETURN and self._navigator.home.is_reached and not self._navigator.comes_down
         returning_s = (now_ns - self._mission.flight.since_ns) * 1e-9 if self.stage is Stage.RETURN else 0.0
@@ -266,7 +270,7 @@ class Executive:
             at_home,
             problems,
             rms_m=hypothesis.sight_of(self._id).rms_m if hypothesis is not None and hypothesis.evidence is not None else None,
-            nothing_found=self.finding != "",
+            nothing_found=self.finding is not None,
             stranded_s=self._stranded_s,
             revoked=self._revoked,
             battery_low=self._reserve.returns,
@@ -346,7 +350,7 @@ class Executive:
                 searched_s = self._mission.flight.searched_s(now_ns)
                 self.finding = map_conclusion(self._config.survey, searched_s, self._search.is_complete, self._blocks())
         elif self._world.fusion.hypothesis is not None:
-            self.finding = ""
+            self.finding = None
         elif self.stage is Stage.SURVEY:
             found = conclusion(self._config, self._mission.flight.searched_s(now_ns), self.prospect.at(now_ns))
             self.finding = found or self.finding

@@ -20,9 +20,11 @@ from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS, WINDOW_NS
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.owntime import Utc
+from radron.protocol.codes import Code
 from radron.protocol.entries import Coverage, Entry
 from radron.protocol.revocations import MAX_HELD_REVOCATIONS, Obeying, Revocation, Revoked
 from radron.protocol.signing import Trust, Verifier, sign_obeying
+from radron.protocol.texts import CodedText
 
 _MOST_READ = 4 * MOST_ENTRIES  # in a window: more than count, because some may be implausible
 PERIOD_NS = 1_000_000_000  # of passing them on: also to drones that join, or whose link returns
@@ -117,13 +119,15 @@ class Revoking:
         return sign_obeying([one for one in self.held if one.member == self._drone][-1], self._trust)
 
     @property
-    def notices(self) -> tuple[str, ...]:
+    def notices(self) -> tuple[CodedText, ...]:
         """One line for each revoked member, and for each drone that has contradicted itself."""
         by = {one.member: one.station for one in reversed(self.held)}
         contradicting = {name: found.number for (name, _), found in self._contradictions.items()}
-        revoked = [f"{name} has been revoked by {by[name]}" for name in sorted(by)]
-        told = "has published two different log entries with the number"
-        return (*revoked, *(f"{name} {told} {contradicting[name]}: nothing from it on counts" for name in sorted(contradicting)))
+        told = "{} has published two different log entries with the number {}: nothing from it on counts"
+        return (
+            *(CodedText(Code.MEMBER_REVOKED, f"{name} has been revoked by {by[name]}", name) for name in sorted(by)),
+            *(CodedText(Code.ENTRIES_CONTRADICT, told.format(name, contradicting[name]), name) for name in sorted(contradicting)),
+        )
 
     def _carry_out(self, revocation: Revocation, now_ns: int) -> None:
         """Carry out a revocation. The known motion of a revoked drone stays: the others keep clear of it as of a silent drone.
@@ -136,7 +140,8 @@ class Revoking:
         if name == self._drone:
             self._executive.revoke()
             self._world.end_estimates()
-            self._problems.revoked = (f"{name} has been revoked by {revocation.station}: no other drone hears it any more",)
+            text = f"{name} has been revoked by {revocation.station}: no other drone hears it any more"
+            self._problems.revoked = (CodedText(Code.SELF_REVOKED, text, name),)
             return
         if name in self._obeying and not self._revocations.counts(self._obeying[name]):
             del self._obeying[name]  # another revocation counts now: to others its word would be a forged one

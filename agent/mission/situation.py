@@ -7,6 +7,7 @@ from math import inf
 from msgspec import Struct
 
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.texts import CodedText
 
 
 class Situation(Struct, frozen=True):
@@ -26,7 +27,7 @@ class Situation(Struct, frozen=True):
     has_hypothesis: bool
     last_cone_ns: int
     at_home: bool
-    problems: tuple[str, ...] = ()
+    problems: tuple[CodedText, ...] = ()
     rms_m: float | None = None
     nothing_found: bool = False
     stranded_s: float = inf

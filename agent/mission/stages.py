@@ -22,6 +22,7 @@ from radron.agent.navigation.home import KeptHome
 from radron.agent.vehicle.interface import FlightMode, Request, VehicleState
 from radron.protocol.messages import Action, Stage
 from radron.protocol.stages import BRAKING, DESCENDING, FLYING, SEARCHING, STEERED
+from radron.protocol.texts import CodedText
 
 STRANDED_S = 5.0  # return delay after lost links, or with an uncertain position
 # Return delay without a feasible circle. The others keep the stopping place clear for as long as the vehicle would stop there
@@ -108,11 +109,11 @@ class Mission:
         """Take over the stamp of the start command with which the swarm's mission began."""
         self.flight = replace(self.flight, started_ns=started_ns)
 
-    def unsteered(self, now_ns: int) -> str | None:
+    def unsteered(self, now_ns: int) -> CodedText | None:
         """Return the problem of a vehicle that does not follow this agent; None while it does."""
         return self._authority.problem(now_ns) if self.stage in FLYING else None
 
-    def standing_armed(self, now_ns: int) -> str | None:
+    def standing_armed(self, now_ns: int) -> CodedText | None:
         """Return the problem of a vehicle that has landed and is not disarmed."""
         return self.flight.standing.problem(now_ns) if self.stage in DESCENDING else None
 

@@ -7,6 +7,8 @@ from msgspec.structs import replace
 
 from radron.agent.lasting import since
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 STANDS_NS = 10_000_000_000  # PX4 disarms 2 s after a landing by default
 WHAT = "has landed and is still armed, for {seconds:.0f} s: command land once more to disarm it, or disarm it by remote control"
@@ -27,8 +29,8 @@ class StandingArmed(Struct, frozen=True):
         """An operator has commanded to land: a vehicle that stands is to be disarmed."""
         return replace(self, disarms=self.since_ns is not None)
 
-    def problem(self, now_ns: int) -> str | None:
+    def problem(self, now_ns: int) -> CodedText | None:
         """Return the message to the operator; None in flight, and until the autopilot has had time to disarm."""
         if self.since_ns is None or now_ns - self.since_ns < STANDS_NS:
             return None
-        return WHAT.format(seconds=(now_ns - self.since_ns) * 1e-9)
+        return CodedText(Code.STILL_ARMED, WHAT.format(seconds=(now_ns - self.since_ns) * 1e-9))

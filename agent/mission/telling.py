@@ -16,15 +16,17 @@ from radron.agent.localization.poseproblems import pose_problems
 from radron.agent.mission.commanding import Commanding
 from radron.agent.mission.executive import Executive
 from radron.agent.mission.orders import Orders
-from radron.agent.mission.problems import LONGEST_PROBLEM, MOST_NOTICES, Problems
+from radron.agent.mission.problems import Problems
 from radron.agent.mission.reporter import Believed, Outbox, Reporter
 from radron.agent.mission.revoking import Revoking
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.sensing.own import OwnDetector
 from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.protocol.codes import Code
 from radron.protocol.messages import Alternative, Failsafe, Pose, Reaction, Stage, Status
 from radron.protocol.stages import FLYING
+from radron.protocol.texts import MAX_NOTICES, CodedText, Texts, sendable
 
 MISEXPOSED_NS = 30_000_000_000  # duration of the report of exposures that do not count
 TURNED = (
@@ -55,25 +57,29 @@ class Telling:
         peers: Peers,
         proofs: Proofs,
         executive: Executive,
+        *,
+        tells_codes: bool = True,
     ) -> None:
-        """``boot``: of the agent; ``counters``: of everything that is counted on board; the rest: the drone's parts."""
+        """``boot``: of the agent; ``counters``: of everything that is counted on board; ``tells_codes``: see ``Pilot``; the
+        rest: the drone's parts.
+        """
         self._id, self._mission_id, self._boot, self._outbox, self._counters = drone, mission.mission_id, boot, outbox, counters
         self._orders, self._commanding, self._revoking = orders, commanding, revoking
         self._problems, self._world, self._own, self._clocks = problems, world, own, clocks
         self._camera, self._peers, self._proofs, self._executive = camera, peers, proofs, executive
         self._reporter = Reporter(drone, mission.mission_id, mission.fusion.estimator)
         self._failsafe = Failsafe(Reaction(mission.safety.agent_lost), mission.return_height_m(drone))
-        self._area = mission.area
-        self._notices = tuple[str, ...]()
-        self.told = tuple[str, ...]()
+        self._area, self._tells_codes = mission.area, tells_codes
+        self._notices = tuple[CodedText, ...]()
+        self.told = tuple[CodedText, ...]()
 
     def hurry(self, now_ns: int) -> None:
         """Send a status with the next report: something has changed that the others must know."""
         self._reporter.hurry(now_ns)
 
-    def notice(self, notices: tuple[str, ...]) -> None:
+    def notice(self, notices: tuple[CodedText, ...]) -> None:
         """Set the shell's notices for the operator; they replace the previous ones."""
-        self._notices = tuple(text[:LONGEST_PROBLEM] for text in notices[:MOST_NOTICES])
+        self._notices = notices
 
     def tell(self, now_ns: int) -> None:
         """Put the messages due now into the outbox; a status with its signature."""
@@ -112,6 +118,8 @@ class Telling:
 
     def _status(self, now_ns: int, stage: Stage) -> Status:
         vehicle, obeyed, self.told = self._own.vehicle, self._orders.obeyed, self._look(now_ns)
+        notices = sendable((*self._outside(now_ns), *self._revoking.notices, *self._notices), MAX_NOTICES)
+        texts = Texts(self.told, self._executive.finding, notices)
         return Status(
             stamp_ns=now_ns,
             drone=self._id,
@@ -120,20 +128,21 @@ class Telling:
             battery=vehicle.battery if vehicle is not None else None,
             stage=stage,
             counters=dict(self._counters),
-            problems=self.told,
-            finding=self._executive.finding,
+            problems=tuple(map(str, texts.problems)),
+            finding=str(texts.finding or ""),
             recognised=self._camera.recognised,
             delays_ns=self._clocks.delays_ns(now_ns),
             started_ns=self._executive.started_ns,
             ticket=self._orders.ticket(now_ns),
             failsafe=self._failsafe,
-            notices=(*self._outside(now_ns), *self._revoking.notices, *self._notices)[:MOST_NOTICES],
+            notices=tuple(map(str, texts.notices)),
             upload=self._commanding.uploads.answer,
             disowns=self._problems.has_twin(now_ns) or UNSET,
             obeyed=obeyed if obeyed is not None else UNSET,
+            codes=texts.codes if self._tells_codes and any(texts) else UNSET,
         )
 
-    def _look(self, now_ns: int) -> tuple[str, ...]:
+    def _look(self, now_ns: int) -> tuple[CodedText, ...]:
         """All problems, found anew."""
         flying = self._executive.stage in FLYING
         posed = pose_problems(self._id, self._own, self._clocks, self._world.frames, now_ns, flying)
@@ -142,7 +151,7 @@ class Telling:
         flown = self._executive.problems(now_ns)
         return self._problems.all(flown, self._commanding.against_start(now_ns, self._peers.statuses(now_ns)), seen)
 
-    def _outside(self, now_ns: int) -> list[str]:
+    def _outside(self, now_ns: int) -> list[CodedText]:
         """A line for each source beyond the fence, tracked or met by the search: the drones cannot circle it."""
         hypothesis, outlook = self._world.fusion.hypothesis, None
         if self._executive.stage is Stage.SURVEY:
@@ -153,16 +162,18 @@ class Telling:
             places.append(outlook.beyond)
         return outside_texts(self._area, places)
 
-    def _contradictions(self, now_ns: int) -> list[str]:
+    def _contradictions(self, now_ns: int) -> list[CodedText]:
         """Return a line for each drone, this one included, with contradictory measurements or impossible exposures."""
         hypothesis, log = self._world.fusion.hypothesis, self._world.fusion.log
         misexposed = [
-            f"{drone}: its exposures {why}: {MISEXPOSED}"
+            CodedText(Code.EXPOSURES_LEFT_OUT, f"{drone}: its exposures {why}: {MISEXPOSED}", drone)
             for drone, why in log.misexposed(self._clocks.utc.of(now_ns - MISEXPOSED_NS))
         ]
         if hypothesis is None:
             return misexposed
         turned = [
-            TURNED.format(drone, abs(deg), "left" if deg > 0.0 else "right") for drone, deg in hypothesis.turned_deg.items()
+            CodedText(Code.CONES_TURNED, TURNED.format(drone, abs(deg), "left" if deg > 0.0 else "right"), drone)
+            for drone, deg in hypothesis.turned_deg.items()
         ]
-        return [*misexposed, *(f"{drone}: {LEFT_OUT}" for drone in hypothesis.contradicted), *turned]
+        left_out = (CodedText(Code.MEASUREMENTS_LEFT_OUT, f"{drone}: {LEFT_OUT}", drone) for drone in hypothesis.contradicted)
+        return [*misexposed, *left_out, *turned]

@@ -10,10 +10,12 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
-from radron.agent.mission.problems import LONGEST_PROBLEM, TELEMETRY_AGE_NS
+from radron.agent.mission.problems import TELEMETRY_AGE_NS
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
 from radron.protocol.messages import Answer, Stage, Status, Upload
 from radron.protocol.stages import ON_GROUND
+from radron.protocol.texts import MAX_TEXT, CodedText
 
 
 class Origin(Struct, frozen=True, kw_only=True):
@@ -61,9 +63,11 @@ class Uploads:
             self.taking = None
 
     @property
-    def obstacle(self) -> str | None:
+    def obstacle(self) -> CodedText | None:
         """Why no flight can begin now."""
-        return None if self.taking is None else f"it takes over the mission {self.taking.mission} from {self.taking.station}"
+        if self.taking is None:
+            return None
+        return CodedText(Code.UPLOAD_RUNNING, f"it takes over the mission {self.taking.mission} from {self.taking.station}")
 
     def _refusal(self, upload: Upload, ground: Ground) -> str | None:
         if self.taking is not None:
@@ -81,4 +85,4 @@ class Uploads:
         return f"others fly the present mission: {', '.join(flying)}" if flying else None
 
     def _tell(self, upload: Upload, refused: str) -> None:
-        self.answer = Answer(upload.stamp_ns, upload.mission, refused[:LONGEST_PROBLEM])
+        self.answer = Answer(upload.stamp_ns, upload.mission, refused[:MAX_TEXT])

@@ -13,7 +13,9 @@ from radron.agent.fusion.engine import RECOUNTED, Fusion
 from radron.agent.fusion.posterior import Posterior, posterior_of
 from radron.agent.fusion.registry import Estimators
 from radron.agent.owntime import Utc
+from radron.protocol.codes import Code
 from radron.protocol.entries import Cone, Entry, EntryId
+from radron.protocol.texts import CodedText
 
 PUT_OFF = "it publishes more log entries than three cameras measure; the rest is put off. If it goes on, revoke it"
 LATE_PUT_OFF = (
@@ -103,11 +105,12 @@ class WorldModel:
             self.last_cone_ns = max(self.last_cone_ns, min(self._utc.own_ns(entry.stamp_ns), now_ns))
         return True
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Return one line for each drone with entries put off."""
         late = self.frames.put_off.union(*(fusion.late.put_off for fusion in (self.fusion, *self.listeners.values())))
-        told = {name: LATE_PUT_OFF for name in late} | {name: PUT_OFF for name in self.admission.put_off(now_ns)}
-        return tuple(f"{name}: {text}" for name, text in sorted(told.items()))
+        told = {name: (Code.ENTRIES_LATE, LATE_PUT_OFF) for name in late}
+        told |= {name: (Code.ENTRIES_TOO_MANY, PUT_OFF) for name in self.admission.put_off(now_ns)}
+        return tuple(CodedText(code, f"{name}: {text}", name) for name, (code, text) in sorted(told.items()))
 
     def forget(self, identities: Sequence[EntryId]) -> None:
         """Take entries back that do not count any more, a bounded number in each call of ``advance``."""

@@ -11,6 +11,8 @@ from radron.agent.motion.feedforward import DEVIATION_S, Deviation
 from radron.agent.motion.reference import PeerState
 from radron.agent.navigation.drag import DragFilter
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 BAD_M = 1.2  # RMS deviation: twice that of a vehicle on a well flown circle
 _RAMP_PS2 = 0.5  # rate limit of the applied drag: the autopilot's integrator has to follow
@@ -68,12 +70,13 @@ class ResponseEstimator:
         return None if found.of(self._config) is None else found
 
     @property
-    def problem(self) -> str | None:
+    def problem(self) -> CodedText | None:
         """Problem of the vehicle's response, or None."""
         rms_m = self._deviation.rms_m
         if rms_m <= BAD_M:
             return None
-        return f"the vehicle does not follow its plans: RMS deviation {rms_m:.1f} m over {DEVIATION_S:.0f} s"
+        text = f"the vehicle does not follow its plans: RMS deviation {rms_m:.1f} m over {DEVIATION_S:.0f} s"
+        return CodedText(Code.PLAN_NOT_FOLLOWED, text)
 
     def follow(self, vehicle: VehicleState) -> None:
         """Process telemetry, under any control."""

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from radron.agent.config.mission import MissionConfig
-from radron.agent.config.survey import MAPPED, SurveyConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.geometry import Point2
 from radron.agent.motion.survey import Area
 from radron.agent.navigation.surveying import Search
+from radron.protocol.codes import Code
 from radron.protocol.contamination import Contamination
 from radron.protocol.entries import Coverage
+from radron.protocol.texts import CodedText
 
 _HOT_SHARE = 0.5  # of the highest block: low lanes are flown over blocks above it
 
@@ -145,17 +147,17 @@ def _square(block: Block) -> Polygon:
     return Polygon([(x, y), (x + side, y), (x + side, y + side), (x, y + side)])
 
 
-def map_conclusion(survey: SurveyConfig, searched_s: float, is_complete: bool, blocks: Sequence[Block]) -> str:
-    """Return the end of a survey for a map in words; "" while it continues.
+def map_conclusion(survey: SurveyConfig, searched_s: float, is_complete: bool, blocks: Sequence[Block]) -> CodedText | None:
+    """Return the end of a survey for a map in words; None while it continues.
 
     It ends with its time, with the uncertainty that the mission asks for, or, without either, when all lanes have been flown.
     """
     reached = uncertainty(blocks)
     if survey.block_uncertainty is not None and is_complete and reached is not None and reached <= survey.block_uncertainty:
-        return f"{MAPPED} in {searched_s:.0f} s; highest blocks known to {100.0 * reached:.0f} %"
+        return CodedText(Code.MAPPED, f"mapped in {searched_s:.0f} s; highest blocks known to {100.0 * reached:.0f} %")
     if survey.duration_s is not None and searched_s >= survey.duration_s:
         known = "" if reached is None else f"; highest blocks known to {100.0 * reached:.0f} %"
-        return f"{MAPPED} for {searched_s:.0f} s{known}"
+        return CodedText(Code.MAPPED, f"mapped for {searched_s:.0f} s{known}")
     if survey.duration_s is None and survey.block_uncertainty is None and is_complete:
-        return f"{MAPPED} in {searched_s:.0f} s; all lanes flown"
-    return ""
+        return CodedText(Code.MAPPED, f"mapped in {searched_s:.0f} s; all lanes flown")
+    return None

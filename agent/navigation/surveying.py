@@ -20,7 +20,9 @@ from radron.agent.motion.survey import Area, left, survey_path
 from radron.agent.navigation.covered import Covered, Path
 from radron.agent.navigation.unheard.contact import Wall
 from radron.agent.navigation.unheard.lines import KEPT_M
+from radron.protocol.codes import Code
 from radron.protocol.entries import Coverage
+from radron.protocol.texts import CodedText
 
 COVERAGE_S = 5.0  # period of the coverage reports
 POINT_M = 1.0  # distance between the points of a coverage path
@@ -249,8 +251,8 @@ class InformedSearch:
         return Waypoints(region, mission.survey.height_m, self._speed_mps, acceleration_mps2), Detours(region)
 
 
-def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | None) -> str:
-    """Return the result of the search: "" while it continues. Otherwise: nothing found, and the exclusion limit, or the bearing
+def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | None) -> CodedText | None:
+    """Return the result of the search: None while it continues. Otherwise: nothing found, and the exclusion limit, or the bearing
     of a probable source beyond the fence.
     """
     excluded_bq = outlook.excluded_bq if outlook is not None else None
@@ -260,13 +262,13 @@ def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | Non
     else:
         enough = excluded_bq is not None and least_bq is not None and excluded_bq <= least_bq
     if not enough and (survey.duration_s is None or searched_s < survey.duration_s):
-        return ""
+        return None
     outside = [] if outlook is None or outlook.beyond is None else outside_texts(mission.area, [outlook.beyond])
     if outside:
-        return f"nothing found in the area; {outside[0]}"
+        return CodedText(Code.SOURCE_OUTSIDE, f"nothing found in the area; {outside[0]}")
     if excluded_bq is None:
-        return f"nothing found in {searched_s:.0f} s; no activity can be excluded"
-    return f"nothing found; a source of {excluded_bq:.2g} Bq or more is excluded"
+        return CodedText(Code.NOTHING_FOUND, f"nothing found in {searched_s:.0f} s; no activity can be excluded")
+    return CodedText(Code.NOTHING_FOUND, f"nothing found; a source of {excluded_bq:.2g} Bq or more is excluded")
 
 
 class CoverageLog:

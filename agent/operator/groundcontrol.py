@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
 import time
 from collections.abc import Callable, Collection, Set
 from dataclasses import dataclass
@@ -213,15 +212,10 @@ def _look_for_problems(drones: Collection[str], statuses: Statuses, without: Col
 
     ``without``: drones left behind on purpose; problems that concern only these drones are ignored.
     """
-    found = {name: [text for text in statuses[name].problems if not _concerns(text, without)] for name in drones}
+    found = {name: [text for text in statuses[name].texts.problems if text.about not in without] for name in drones}
     told = [f"{name}: {', '.join(texts)}" for name, texts in found.items() if texts]
     if told:
         raise CommandError(f"not started: {'; '.join(told)} (--anyway starts those that can)")
-
-
-def _concerns(problem: str, drones: Collection[str]) -> bool:
-    """Whether a problem is lost contact with one of these drones, or that drone's own problem."""
-    return any(re.match(rf"(no contact with )?{re.escape(name)}\b", problem) for name in drones)
 
 
 def _message(action: Action, trust: Trust | None, stamp_ns: int, mission: str, to: dict[str, Ticket]) -> Command:

@@ -33,13 +33,13 @@ from radron.agent.shell.identity import INSECURE, own_identity, validity
 from radron.agent.shell.links import mesh_config, without
 from radron.agent.shell.missionstore import mission_in_force
 from radron.agent.shell.revoked import RevokedFile
-from radron.agent.shell.selfreport import SOFTWARE
 from radron.agent.shell.startable import camera_missing
 from radron.agent.shell.statestore import StateFile, unreadable
 from radron.agent.vehicle.demands import demands_of
 from radron.agent.vehicle.interface import Finding
 from radron.agent.vehicle.px4 import Px4Vehicle
 from radron.protocol.codec import decode_from
+from radron.protocol.codes import Code
 from radron.protocol.errors import ProtocolError
 from radron.protocol.identity import utc
 from radron.protocol.mesh.diagnosis import refusals
@@ -189,7 +189,7 @@ class Preflight:
             return Finding(name, "failed", f"has another mission: {status.mission}")
         if abs(behind_s) > _CLOCKS_S:
             return Finding(name, "failed", f"its clock differs by {behind_s:+.1f} s from ours: synchronise both by one server")
-        notices = "".join(f"; {text}" for text in status.notices if text.startswith(SOFTWARE))
+        notices = "".join(f"; {text}" for text in status.texts.notices if text.code == Code.UPDATE_FAILED)
         return Finding(name, "ok", f"{status.stage}, the same mission {status.mission}{notices}")
 
     async def _check_vehicle(self) -> None:

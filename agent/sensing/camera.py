@@ -13,8 +13,10 @@ from radron.agent.detector.readout import Readout
 from radron.agent.detector.repeats import Repeats
 from radron.agent.detector.spectroscopy.nuclidewatch import NuclideWatch
 from radron.agent.sensing.observer import Observer
+from radron.protocol.codes import Code
 from radron.protocol.entries import Entry
 from radron.protocol.messages import Recognised
+from radron.protocol.texts import CodedText
 
 _SILENT_NS = 10_000_000_000  # readouts come five times a second
 
@@ -40,11 +42,11 @@ class Camera:
         self._newest_ns: int | None = None  # end of its last readout
         self._is_silent = False
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Return problems of the camera, or of its view, one line each. Before a flight its driver reports a missing camera."""
         if self._newest_ns is not None:
             self._is_silent = self._is_silent or now_ns - self._newest_ns > _SILENT_NS
-        told = ("camera: it delivers nothing any more",) if self._is_silent else ()
+        told = (CodedText(Code.CAMERA_SILENT, "camera: it delivers nothing any more"),) if self._is_silent else ()
         seen = (self._chain.noise, self._chain.dead_blocks, self._observer, self._watch)
         return (*told, *self._repeats.problems, *(line for one in seen for line in one.problems))
 

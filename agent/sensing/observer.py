@@ -19,6 +19,7 @@ from radron.agent.owntime import Utc
 from radron.agent.sensing.overground import OverGround
 from radron.agent.terrain.ground import Ground
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
 from radron.protocol.entries import (
     MAX_LOGGED_EXPOSURE_NS,
     CarriedFrame,
@@ -31,6 +32,7 @@ from radron.protocol.entries import (
     PoseSample,
     Retraction,
 )
+from radron.protocol.texts import CodedText
 
 EXPOSURE_NS = 500_000_000
 SAMPLE_NS = 100_000_000  # poses of an exposure: 10 Hz
@@ -139,13 +141,12 @@ class Observer:
         )
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Problems of the camera: a line if it has not seen a hit for long, else empty."""
         if self._silent_s < self._patience * SILENT_S:
             return ()
-        return (
-            f"{self._subject}: no hit for {self._patience * SILENT_S:g} s or more, not even background; its counts are not used",
-        )
+        text = f"{self._subject}: no hit for {self._patience * SILENT_S:g} s or more, not even background; its counts are not used"
+        return (CodedText(Code.CAMERA_BLIND, text),)
 
     def observe(self, detections: Detections) -> list[Entry]:
         """Return the log entries of a time interval of detections, and of earlier intervals that have waited for their telemetry.

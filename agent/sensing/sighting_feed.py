@@ -19,6 +19,8 @@ from msgspec.structs import replace
 from radron.agent.feed import LineFeed
 from radron.agent.owntime import Utc
 from radron.agent.vehicle.interface import SeenDrone
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText, coded
 
 STALE_NS = 2_000_000_000  # own poses are kept for 5 s: for older sightings there may be no pose
 _DECODER = msgspec.json.Decoder(SeenDrone)
@@ -43,9 +45,9 @@ class SightingsFeed:
         self.counters: Counter[str] = self._feed.counters
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """The present problems of the sensor's TCP feed, one line each."""
-        return tuple(text for text in (self._feed.problem, self._flaw) if text is not None)
+        return coded(Code.SIGHTINGS_FEED, (text for text in (self._feed.problem, self._flaw) if text is not None))
 
     async def sightings(self) -> AsyncIterator[list[SeenDrone]]:
         """Yield the relative observations of other drones as they arrive, until ``close`` is called."""

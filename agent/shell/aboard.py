@@ -19,7 +19,9 @@ from radron.agent.shell.folding import Folding
 from radron.agent.shell.logs import Logger
 from radron.agent.shell.missionstore import InForce
 from radron.agent.shell.statestore import State
+from radron.protocol.codes import Code
 from radron.protocol.identity import Identity
+from radron.protocol.texts import CodedText
 from radron.protocol.trust import trust_of
 
 NONCE_KEY_BYTES = 16
@@ -34,7 +36,7 @@ class Aboard(Struct, frozen=True):
     pilot: Pilot | RecordedPilot
     folding: Folding
     recorder: FlightRecorder | None = None
-    unrecorded: str | None = None
+    unrecorded: CodedText | None = None
 
 
 def aboard(drone: DroneConfig, force: InForce, boot: str, saved: State, identity: Identity | None, log: Logger) -> Aboard:
@@ -52,7 +54,7 @@ def aboard(drone: DroneConfig, force: InForce, boot: str, saved: State, identity
         try:
             recorder = FlightRecorder(records.folder, records.limit_mb, header)
         except FlightRecordError as error:
-            unrecorded = str(error)
+            unrecorded = CodedText(Code.RECORDS_LOST, str(error))
     recorded = None if recorder is None else RecordedPilot(flown, recorder)
     answered = flown.fusion.answered if recorded is None else recorded.answered
     folding = Folding(flown.fusion.estimator, force.mission, answered, log)

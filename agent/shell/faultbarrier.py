@@ -8,6 +8,8 @@ from collections.abc import Callable, Coroutine
 from typing import ParamSpec, TypeVar
 
 from radron.agent.shell.logs import Logger
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText, coded
 
 AGAIN_S = 1.0
 P = ParamSpec("P")
@@ -48,9 +50,11 @@ class FaultBarrier:
             await asyncio.sleep(AGAIN_S)
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """A line for the operator for each kind of message handler or task that has failed."""
-        return tuple(f"internal error in the handling of {kind}: see the agent's log" for kind in self.failures)
+        return coded(
+            Code.INTERNAL_ERROR, (f"internal error in the handling of {kind}: see the agent's log" for kind in self.failures)
+        )
 
     def _failed(self, kind: str) -> None:
         """Log the present exception with its traceback, only the first of each kind."""

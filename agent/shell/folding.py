@@ -22,13 +22,18 @@ from radron.agent.fusion.estimator import Estimator
 from radron.agent.shell.foldworker import LENGTH, Answer, Order, packed
 from radron.agent.shell.logs import Logger
 from radron.agent.shell.supervisor import NUMERICS
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 LOOK_S = 0.05  # between two checks for a question
 START_S = 300.0  # for the process's imports: on an emulated computer these take minutes
 ANSWER_S = 120.0  # for a task, of a few seconds; after that the process counts as hung
 PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0  # before a new start of the process: the first, and the longest
-_NOT_READY = "the process that computes the source estimate is not ready yet"
-_ENDED = "the process that computes the source estimate has ended, and starts again: until then the estimate stays as it was"
+_NOT_READY = CodedText(Code.ESTIMATOR_STARTING, "the process that computes the source estimate is not ready yet")
+_ENDED = CodedText(
+    Code.ESTIMATOR_RESTARTING,
+    "the process that computes the source estimate has ended, and starts again: until then the estimate stays as it was",
+)
 
 
 class Folding:

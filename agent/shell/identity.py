@@ -8,9 +8,13 @@ from typing import NamedTuple
 from radron.agent.clock.handover import Valid, text
 from radron.agent.config.drone import DroneConfig
 from radron.agent.errors import ConfigError
+from radron.protocol.codes import Code
 from radron.protocol.identity import CERTIFICATE_FILE, Identity, load_identity, utc
+from radron.protocol.texts import CodedText
 
-INSECURE = "links are not encrypted (mesh.insecure = true): whoever reaches this drone can command the swarm"
+INSECURE = CodedText(
+    Code.LINKS_INSECURE, "links are not encrypted (mesh.insecure = true): whoever reaches this drone can command the swarm"
+)
 FLIGHT_S = 2 * 3600.0  # shortest validity of a certificate at a start: links that break after its end do not come back
 _HOUR_S, _DAY_S = 3600.0, 86400.0
 _NOTICE_DAYS = 30.0
@@ -33,14 +37,16 @@ class Validity(NamedTuple):
     ``fault``: reason why a flight must not start with it, or None. ``text``: name and end of the certificate.
     """
 
-    fault: str | None
+    fault: CodedText | None
     text: str
     left_days: float
 
     @property
-    def notice(self) -> str | None:
+    def notice(self) -> CodedText | None:
         """A reminder to the operator from a month before the certificate's end; None before."""
-        return f"certificate: {self.text}" if self.fault is None and self.left_days <= _NOTICE_DAYS else None
+        if self.fault is not None or self.left_days > _NOTICE_DAYS:
+            return None
+        return CodedText(Code.CERTIFICATE_EXPIRING, f"certificate: {self.text}")
 
 
 def own_identity(drone: DroneConfig) -> Identity | None:
@@ -99,7 +105,8 @@ def validity(identity: Identity, now_ns: int) -> Validity:
     elif left_s < FLIGHT_S:
         fault = f"{file}: expires at {until}, in less than the {FLIGHT_S / _HOUR_S:g} h that a flight may need; {renew}"
     left = f"{left_s / _HOUR_S:.0f} hours" if left_s < 2 * _DAY_S else f"{left_days:.0f} days"
-    return Validity(fault, f"{own.name}, {own.role}, until {until}, {_urgency(left_days)}{left} left", left_days)
+    invalid = None if fault is None else CodedText(Code.CERTIFICATE_INVALID, fault)
+    return Validity(invalid, f"{own.name}, {own.role}, until {until}, {_urgency(left_days)}{left} left", left_days)
 
 
 def _urgency(left_days: float) -> str:

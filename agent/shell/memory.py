@@ -9,6 +9,9 @@ from pathlib import Path
 
 from msgspec import Struct
 
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
+
 LEAST_MB = 300.0  # available memory: three hours of the log's growth, and the need of the autopilot's link and the camera
 LEAST_SHARE = 0.15  # of the total
 _OVER = 1.1  # hysteresis: the warning ends above this multiple of its threshold
@@ -40,7 +43,7 @@ class MemoryWatch:
         self._low = False
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """A line for the operator if memory is low now, else empty; the text does not change while the warning lasts."""
         memory = self._read()
         if memory is None:
@@ -49,7 +52,8 @@ class MemoryWatch:
         self._low = memory.available_mb < least_mb * (_OVER if self._low else 1.0)
         if not self._low:
             return ()
-        return (
+        text = (
             f"memory runs low: less than {least_mb:.0f} of {memory.total_mb:.0f} MB available, and the log grows by about "
-            "100 MB per hour; end other programs or land soon, and restart the agent before the next flight",
+            "100 MB per hour; end other programs or land soon, and restart the agent before the next flight"
         )
+        return (CodedText(Code.MEMORY_LOW, text),)

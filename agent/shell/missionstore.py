@@ -18,7 +18,9 @@ from radron.agent.mission.uploads import Origin
 from radron.agent.outputs import write_durably
 from radron.agent.pilot import Pilot
 from radron.agent.shell.startable import check_for_drone
+from radron.protocol.codes import Code
 from radron.protocol.identity import utc
+from radron.protocol.texts import CodedText
 
 
 class _Kept(Struct, frozen=True, kw_only=True):
@@ -38,8 +40,8 @@ class InForce(Struct, frozen=True):
 
     mission: MissionConfig
     origin: Origin | None = None
-    fault: str | None = None
-    notice: str | None = None
+    fault: CodedText | None = None
+    notice: CodedText | None = None
 
 
 def mission_path(drone: DroneConfig) -> Path | None:
@@ -59,19 +61,18 @@ def mission_in_force(drone: DroneConfig, filed: MissionConfig) -> InForce:
     try:
         kept = _decoded(path.read_bytes())
         if kept.origin.instead_of != filed.mission_id:
-            return InForce(
-                filed, notice=f"its mission file was changed: it counts, not the mission {kept.mission_id} uploaded before"
-            )
+            text = f"its mission file was changed: it counts, not the mission {kept.mission_id} uploaded before"
+            return InForce(filed, notice=CodedText(Code.MISSION_FILE_CHANGED, text))
         kept.mission.check(str(path))
         _check(kept.mission, drone, filed.swarm, str(path))
     except FileNotFoundError:
         return InForce(filed)
     except (OSError, msgspec.MsgspecError, RadronError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        return InForce(
-            filed, fault=f"the uploaded mission in {path} cannot be used ({reason}): upload it again, or remove that file"
-        )
-    return InForce(kept.mission, kept.origin, notice=f"its mission was uploaded by {described(kept.origin)}")
+        text = f"the uploaded mission in {path} cannot be used ({reason}): upload it again, or remove that file"
+        return InForce(filed, fault=CodedText(Code.UPLOAD_UNUSABLE, text))
+    notice = CodedText(Code.MISSION_UPLOADED, f"its mission was uploaded by {described(kept.origin)}")
+    return InForce(kept.mission, kept.origin, notice=notice)
 
 
 def described(origin: Origin) -> str:

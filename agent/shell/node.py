@@ -49,12 +49,14 @@ from radron.agent.vehicle.demands import demands_of
 from radron.agent.vehicle.interface import GnssFix
 from radron.agent.vehicle.px4 import Px4Vehicle
 from radron.protocol.codec import encode
+from radron.protocol.codes import Code
 from radron.protocol.identity import Identity
 from radron.protocol.keys import key_of
 from radron.protocol.mesh.recovery import recover
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Stage
 from radron.protocol.stages import ON_GROUND
+from radron.protocol.texts import CodedText, coded
 
 PERIOD_S = 0.05
 ADVANCE_S = 0.02  # between two slices of work on the log, however many bursts of messages come
@@ -107,7 +109,7 @@ class Node:
         self._detector: Detector | None = None
         self._sightings: SightingsFeed | None = None
         self._recorder: FlightRecorder | None = None
-        self._unrecorded: str | None = None  # why a wanted recorder is missing
+        self._unrecorded: CodedText | None = None  # why a wanted recorder is missing
         self._identity: Identity | None = None  # None: links are not encrypted
         self._self_report, self._updates = SelfReport.here(), Updates(drone.updates)
 
@@ -339,15 +341,17 @@ class Node:
             launch = msgspec.structs.replace(launch, mission=self._mission.mission_id, flown=flown, booted_ns=booted_ns)
         self._store.save(State(memory=memory, launch=launch))
 
-    def _warnings(self) -> Iterator[str | None]:
+    def _warnings(self) -> Iterator[CodedText | None]:
         yield from no_contact(self._drone, self._mission, self._mesh.alive)
-        for part in (self._mesh, self._detector, self._sightings, self._recorder, self._barrier, self._memory):
+        for part in (self._mesh, self._sightings, self._recorder, self._barrier, self._memory):
             yield from part.problems if part is not None else ()
         if self._detector is None:
             yield camera_missing(self._drone, self._mission)
+        else:  # may be a driver of another package
+            yield from coded(Code.CAMERA_DRIVER, self._detector.problems)
         yield from self._late.problems
 
-    def _faults(self, expiry: Validity | None) -> Iterator[str | None]:
+    def _faults(self, expiry: Validity | None) -> Iterator[CodedText | None]:
         """Yield the faults that prevent a start."""
         yield from self._vehicle.problems
         yield from (self._unrecorded, self._store.problem, self._revoked_file.problem)
@@ -355,7 +359,7 @@ class Node:
         yield from (self._force.fault, self._updates.problem, self._folding.problem)
         yield from self._mesh.differing
 
-    def _notices(self, expiry: Validity | None) -> Iterator[str | None]:
+    def _notices(self, expiry: Validity | None) -> Iterator[CodedText | None]:
         yield self._updates.notice
         yield INSECURE if expiry is None else expiry.notice
         yield from (self._vehicle.exposure, self._force.notice)

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from radron.agent.outputs import write_durably
 from radron.protocol.codec import decode, encode
+from radron.protocol.codes import Code
 from radron.protocol.errors import MeshError, ProtocolError
 from radron.protocol.revocations import Revocation, Revoked
+from radron.protocol.texts import CodedText
 
 LOOK_S = 0.2
 TURN_S, TURNS_S = 0.7, 7.0  # between two drones, and for all: in turn, so that most of the swarm stays linked
@@ -26,7 +28,7 @@ class RevokedFile:
         self._drone = drone
         self._saved: tuple[Revocation, ...] = ()
         self._saving: asyncio.Task[None] | None = None
-        self.problem: str | None = None
+        self.problem: CodedText | None = None
 
     def load(self) -> tuple[Revocation, ...]:
         """Return the revocations of the file; none, and a ``problem``, if the file cannot be read."""
@@ -61,7 +63,7 @@ class RevokedFile:
 
     def _unreadable(self, reason: object) -> tuple[Revocation, ...]:
         text = "whom the swarm has revoked in an earlier flight is not known; move it away, and revoke them again"
-        self.problem = f"{self.path} is not readable ({reason}): {text}"
+        self.problem = CodedText(Code.REVOCATIONS_UNREADABLE, f"{self.path} is not readable ({reason}): {text}")
         self.path = None  # an unreadable file is never overwritten
         return ()
 
@@ -71,7 +73,8 @@ class RevokedFile:
             self.problem = None
         except OSError as error:
             self._saved = ()
-            self.problem = f"revocations not saved ({error.strerror}): after a restart this drone would not know them"
+            text = f"revocations not saved ({error.strerror}): after a restart this drone would not know them"
+            self.problem = CodedText(Code.REVOCATIONS_NOT_SAVED, text)
 
 
 def turn_s(index: int, count: int) -> float:

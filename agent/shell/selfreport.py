@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from radron.agent.update.records import Records
+from radron.protocol.codes import Code
 from radron.protocol.messages import Stage
 from radron.protocol.onboard import REPORT_FILE, Report
 from radron.protocol.stages import ON_GROUND
+from radron.protocol.texts import CodedText
 
 if TYPE_CHECKING:
     from radron.agent.flight.recorded import RecordedPilot
@@ -28,7 +30,6 @@ if TYPE_CHECKING:
     from radron.agent.vehicle.px4 import Px4Vehicle
     from radron.protocol.mesh.session import Mesh
 
-SOFTWARE = "software: "  # begin of the texts about updates
 PERIOD_S = 1.0
 CAMERA_S = 10.0  # between two readouts of a camera that works
 
@@ -84,7 +85,9 @@ class SelfReport:
 
 def report_of(boot: str, pilot: Pilot | RecordedPilot, mesh: Mesh, vehicle: Px4Vehicle) -> Report:
     """Return the report on one run of the agent, without time, version and camera (``SelfReport``). ``boot``: the run's id."""
-    differing = (text.partition(" ")[0] for text in mesh.differing)  # drones of another protocol version are heard, too
+    differing = (
+        text.about for text in mesh.differing if text.about is not None
+    )  # drones of another protocol version are heard, too
     telemetry, px4 = vehicle.telemetry, vehicle.messages.version
     return Report(
         uptime_s=0.0,
@@ -96,7 +99,7 @@ def report_of(boot: str, pilot: Pilot | RecordedPilot, mesh: Mesh, vehicle: Px4V
         autopilot=not telemetry.is_lost(time.monotonic()),
         px4=None if px4 is None else px4.number,
         parameters=vehicle.parameters.values,
-        problems=vehicle.problems,
+        problems=tuple(map(str, vehicle.problems)),
     )
 
 
@@ -106,15 +109,17 @@ class Updates:
     def __init__(self, folder: str | None) -> None:
         """Set up the messages. ``folder``: of the updater; None: no updater on this computer."""
         self._records = Records(Path(folder)) if folder is not None else None
-        self.notice: str | None = None  # a failed update, and the release that runs instead
-        self.problem: str | None = None  # an update on trial: this computer may start anew at any moment
+        self.notice: CodedText | None = None  # a failed update, and the release that runs instead
+        self.problem: CodedText | None = None  # an update on trial: this computer may start anew at any moment
 
     def look(self, stage: Stage) -> None:
         """Read the updater's records for messages to the operator; in flight nothing changes."""
         if self._records is None or stage not in ON_GROUND:
             return
         outcome, trial = self._records.outcome, self._records.trial
-        self.notice = f"{SOFTWARE}{outcome.text}" if outcome is not None and outcome.kind != "good" else None
-        self.problem = None
+        self.notice = self.problem = None
+        if outcome is not None and outcome.kind != "good":
+            self.notice = CodedText(Code.UPDATE_FAILED, f"software: {outcome.text}")
         if trial is not None:
-            self.problem = f"{SOFTWARE}{trial.release} is on trial in slot {trial.slot}: wait until it is confirmed"
+            text = f"software: {trial.release} is on trial in slot {trial.slot}: wait until it is confirmed"
+            self.problem = CodedText(Code.UPDATE_ON_TRIAL, text)

@@ -8,6 +8,8 @@ from radron.agent.config.mission import MissionConfig
 from radron.agent.errors import ConfigError
 from radron.agent.fusion.registry import check_estimator
 from radron.agent.terrain.ground import Ground
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 
 def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
@@ -25,8 +27,9 @@ def check_for_drone(mission: MissionConfig, drone: str, where: str) -> None:
         raise ConfigError(f"drone {drone!r} is not in {where}; its drones are {', '.join(ids)}")
 
 
-def camera_missing(drone: DroneConfig, mission: MissionConfig) -> str | None:
+def camera_missing(drone: DroneConfig, mission: MissionConfig) -> CodedText | None:
     """Return the reason why this drone cannot search, if the mission needs a camera and none is configured; else None."""
     if drone.detector.driver != "none" or mission.fusion.estimator == "given":
         return None
-    return 'no camera (detector.driver = "none"): this drone measures nothing and cannot search'
+    text = 'no camera (detector.driver = "none"): this drone measures nothing and cannot search'
+    return CodedText(Code.CAMERA_MISSING, text)

@@ -16,6 +16,8 @@ from radron.agent.outputs import write_durably
 from radron.agent.shell.logs import Logger
 from radron.agent.vehicle.interface import LaunchPlace
 from radron.protocol import versions
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 SLOW_S = 5.0  # longer writes are reported
 PROBE_S = 30.0  # interval of writes without a change, as on the ground: a full disk shows before a start
@@ -101,10 +103,16 @@ def _check(written: bytes) -> str:
     return hashlib.blake2b(written, digest_size=8).hexdigest()
 
 
-def unreadable(file: StateFile, error: Exception) -> str:
+def unreadable(file: StateFile, error: Exception) -> CodedText:
     """Return the message to the operator about a state file that cannot be read."""
     reason = error.strerror if isinstance(error, OSError) else error
-    return f"{file.path} is not a readable state file ({reason}): a flight could not be resumed after a restart; move it away"
+    text = f"{file.path} is not a readable state file ({reason}): a flight could not be resumed after a restart; move it away"
+    return CodedText(Code.STATE_UNREADABLE, text)
+
+
+def not_saved(reason: str | None) -> CodedText:
+    """Return the message to the operator about a state that could not be written."""
+    return CodedText(Code.STATE_NOT_SAVED, f"state not saved ({reason}): an agent that is restarted in flight will not rejoin it")
 
 
 class StateStore:
@@ -116,13 +124,13 @@ class StateStore:
         self._saved: State | None = None  # content of the file; None: unknown, so that the next state is written in any case
         self._saving: asyncio.Task[None] | None = None
         self._saving_s = 0.0  # start of the last write (monotonic clock)
-        self._failure: str | None = None
+        self._failure: CodedText | None = None
 
     @property
-    def problem(self) -> str | None:
+    def problem(self) -> CodedText | None:
         """The reason why the state could not be saved, or a line if the disk does not respond; None without a problem."""
         if self._saving is not None and not self._saving.done() and time.monotonic() - self._saving_s > SLOW_S:
-            return "state not saved (the disk is too slow): an agent that is restarted in flight will not rejoin it"
+            return not_saved("the disk is too slow")
         return self._failure
 
     def load(self) -> State:
@@ -153,4 +161,4 @@ class StateStore:
             self._failure = None
         except OSError as error:
             self._saved = None
-            self._failure = f"state not saved ({error.strerror}): an agent that is restarted in flight will not rejoin it"
+            self._failure = not_saved(error.strerror)

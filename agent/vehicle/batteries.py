@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
+
 STALE_S = 10.0  # PX4 reports once a second or twice; a smart battery's bus may fail in flight
 ALL = -1  # number of the level in SYS_STATUS: of all batteries together
 
@@ -22,7 +25,7 @@ class Batteries:
         fresh = (level for level, told_s in self._told.values() if now_s - told_s <= STALE_S)
         return min((level for level in fresh if level is not None), default=None)
 
-    def problem(self, now_s: float) -> str | None:
+    def problem(self, now_s: float) -> CodedText | None:
         """Return the message to the operator if a battery's level is not reported any more; None without a problem.
 
         The drone would not return when such a battery is nearly empty. SYS_STATUS may repeat the level from before the loss of a
@@ -31,4 +34,4 @@ class Batteries:
         single = [one for number, one in self._told.items() if number != ALL] or list(self._told.values())
         if all(level is not None and now_s - told_s <= STALE_S for level, told_s in single):
             return None
-        return "the autopilot does not tell a battery's level any more"
+        return CodedText(Code.BATTERY_UNKNOWN, "the autopilot does not tell a battery's level any more")

@@ -11,6 +11,8 @@ from msgspec.structs import replace
 
 from radron.agent.lasting import since
 from radron.agent.vehicle.interface import VehicleState
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 CONFIRM_NS = 2_200_000_000  # two more heartbeats, at 1 Hz, must say the same
 STILL_NS = 5_000_000_000  # if it seems to stand high: on a roof, or without a rangefinder for the height above ground
@@ -45,13 +47,14 @@ class Grounded:
         self._armed, self._in_air, self._since_ns = state.armed, state.in_air, None
         return state
 
-    def problem(self, now_ns: int) -> str | None:
+    def problem(self, now_ns: int) -> CodedText | None:
         """Return the message to the operator if the vehicle moves although it reports to have landed or to be disarmed; else
         None.
         """
         if self._refused_ns is None or now_ns - self._refused_ns >= _TOLD_NS:
             return None
-        return "its autopilot reports that it has landed or is disarmed, but it flies by its position: not believed"
+        text = "its autopilot reports that it has landed or is disarmed, but it flies by its position: not believed"
+        return CodedText(Code.LANDING_NOT_BELIEVED, text)
 
     def _confirmed(self, state: VehicleState, since_ns: int) -> bool:
         trusted = state.position_trusted

@@ -9,6 +9,8 @@ from msgspec.structs import replace
 from radron.agent.geometry import Vector3
 from radron.agent.vehicle.interface import LaunchPlace, Origin
 from radron.agent.vehicle.mavlink.messages import GlobalOrigin
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 WINDOW_S = 5.0
 UNPLACED_S = 5.0  # the origin is asked for every second
@@ -42,7 +44,7 @@ class LaunchSurvey:
     def __init__(self, stored: LaunchPlace | None = None, gnss: bool = True, exact: bool = False) -> None:
         self._place: LaunchPlace | None = None
         self._moved = False  # the autopilot's frame is no longer the place's
-        self.problem: str | None = None
+        self.problem: CodedText | None = None
         self._stored = stored
         self._gnss, self._exact = gnss, exact
         self._flown = self._frozen = False
@@ -87,7 +89,8 @@ class LaunchSurvey:
         self._frozen = armed or in_air or self._flown
         self._place_anyhow(now_s, armed and in_air, booted_ns, resets)
         if self._origin is None and self._gnss:
-            self.problem = "the autopilot has not reported the origin of its local frame yet (no position fix?)"
+            text = "the autopilot has not reported the origin of its local frame yet (no position fix?)"
+            self.problem = CodedText(Code.ORIGIN_MISSING, text)
         elif self._frozen:
             self._hold(booted_ns, resets)
             self._flown = self._flown or (in_air and self._place is not None)
@@ -143,7 +146,7 @@ class LaunchSurvey:
         while samples[0][0] < now_s - WINDOW_S:
             samples.popleft()
         if now_s - samples[0][0] < SHORTEST_S:
-            self.problem = "measuring the launch place"
+            self.problem = CodedText(Code.LAUNCH_UNMEASURED, "measuring the launch place")
             return
         north_m, east_m, down_m = (sum(axis) / len(samples) for axis in zip(*(sample for _, sample in samples), strict=True))
         latitude_deg, longitude_deg, altitude_m = self._origin or (None, None, None)
@@ -164,11 +167,12 @@ class LaunchSurvey:
         if self._place is None and self._stored is not None and self._is_same_frame(self._stored, booted_ns):
             self._place = self._stored
         if self._place is None:
-            self.problem = (
+            self.problem = CodedText(
+                Code.LAUNCH_UNKNOWN,
                 "the vehicle is armed and this agent does not know where it was launched: land and disarm it"
                 if self._stored is None
                 else "the autopilot's local frame is not the one of the launch (another origin, or booted since): "
-                "land and disarm the vehicle"
+                "land and disarm the vehicle",
             )
             return
         if resets is not None and resets != self._place.resets:
@@ -178,16 +182,18 @@ class LaunchSurvey:
             self._moved = not _same_spot(origin, self._origin)
             same = not self._moved and _same_height(origin, self._origin)
         if self._place.epoch >= UNPLACED:
-            self.problem = (
+            self.problem = CodedText(
+                Code.LAUNCH_UNKNOWN,
                 "the launch place is not known; the position comes only from satellite fixes and sightings: "
-                "land, then restart the agent at the launch place"
+                "land, then restart the agent at the launch place",
             )
         elif not same:
-            self.problem = "the autopilot has moved the origin of its local frame in flight: land"
+            self.problem = CodedText(Code.ORIGIN_MOVED, "the autopilot has moved the origin of its local frame in flight: land")
         elif self._exact and self._place.epoch > 0:
-            self.problem = (
+            self.problem = CodedText(
+                Code.FRAME_NOT_EXACT,
                 "the autopilot's position or heading has jumped in flight, but the mission defines its frame as exact: "
-                "from then on it is known by the drone's motion only"
+                "from then on it is known by the drone's motion only",
             )
         else:
             self.problem = None

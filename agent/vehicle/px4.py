@@ -34,6 +34,8 @@ from radron.agent.vehicle.setpoints import SetpointStream
 from radron.agent.vehicle.streams import GLOBAL_ORIGIN, HOME_POSITION, REQUEST, Streams
 from radron.agent.vehicle.telemetry import Telemetry
 from radron.agent.vehicle.vision import Vision
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText, coded
 
 SET_UP_S = 1.0  # between requests for missing streams and values
 REFUSAL_S = 5.0  # a refusal counts as a problem for this long
@@ -87,7 +89,7 @@ class Px4Vehicle:
         self._fix_callback: Callable[[GnssFix], None] | None = None
         self._fix_s = float("-inf")
         self._set_up_s = float("-inf")
-        self._refusal: tuple[str, float] | None = None
+        self._refusal: tuple[CodedText, float] | None = None
         self.counters = self._link.counters
 
     async def connect(self) -> None:
@@ -128,7 +130,7 @@ class Px4Vehicle:
         return self._telemetry.launch.to_keep
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Obstacles to flying, one line each, together with messages of the autopilot."""
         now_s = self._clock_s()
         problems = self._telemetry.problems(now_s)
@@ -138,15 +140,16 @@ class Px4Vehicle:
         if self._refusal is not None and now_s - self._refusal[1] < REFUSAL_S:
             problems.append(self._refusal[0])
         if problems:
-            problems += [f"the autopilot says: {text}" for text in self._told(now_s)]
+            problems += coded(Code.AUTOPILOT_MESSAGE, (f"the autopilot says: {text}" for text in self._told(now_s)))
         parameters = self.parameters.findings()
-        problems += [f"parameter {finding.name} {finding.text}" for finding in parameters if finding.verdict == "failed"]
+        wrong = (f"parameter {finding.name} {finding.text}" for finding in parameters if finding.verdict == "failed")
+        problems += coded(Code.PARAMETER_WRONG, wrong)
         if any(finding.verdict == "not yet" for finding in parameters):
-            problems.append("the autopilot's parameters are being read")
+            problems.append(CodedText(Code.PARAMETERS_UNREAD, "the autopilot's parameters are being read"))
         return tuple(problems)
 
     @property
-    def exposure(self) -> str | None:
+    def exposure(self) -> CodedText | None:
         """The warning to the operator that other senders can reach the autopilot's port, whose commands it would obey; None
         without one.
         """
@@ -263,7 +266,8 @@ class Px4Vehicle:
         if ack.command in (_SET_MODE, _LAND):
             self._requests.acked()
         if ack.command in _WATCHED and ack.result in _RESULTS:
-            self._refusal = f"the autopilot refuses {_WATCHED[ack.command]}: {_RESULTS[ack.result]}", now_s
+            text = f"the autopilot refuses {_WATCHED[ack.command]}: {_RESULTS[ack.result]}"
+            self._refusal = CodedText(Code.AUTOPILOT_REFUSAL, text), now_s
 
     def _stream(self, setpoint: Setpoint | None, now_s: float) -> bool:
         """Send the setpoint; returns whether offboard mode may be requested.
@@ -321,11 +325,12 @@ class Px4Vehicle:
             lasting = self._messages.failed_checks(seen.mode)
         return tuple(dict.fromkeys((*lasting, *self._messages.recent(now_s))))
 
-    def _vision_problems(self) -> tuple[str, ...]:
+    def _vision_problems(self) -> tuple[CodedText, ...]:
         if self._vision is None or self._seeing is None:
             return ()
         if self._seeing.done() and not self._seeing.cancelled():
-            return (f"internal error: poses of the vision system are not forwarded any more: {self._seeing.exception()!r}",)
+            text = f"internal error: poses of the vision system are not forwarded any more: {self._seeing.exception()!r}"
+            return (CodedText(Code.INTERNAL_ERROR, text),)
         return self._vision.problems
 
     def _vision_finding(self) -> Finding:

@@ -41,6 +41,8 @@ from radron.agent.vehicle.modes import ACTIVE, ARMED, CRITICAL, STANDBY, flight_
 from radron.agent.vehicle.requests import Seen
 from radron.agent.vehicle.resets import Resets
 from radron.agent.vehicle.trust import PositionTrust
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 FRESH_S = 0.5  # older attitudes and ranges are not used with a position
 MISSING_S = 1.0  # a stream of 30 Hz that has been missing for this long is reported
@@ -189,22 +191,24 @@ class Telemetry:
         """
         return self._heartbeat_s < self._back_s and now_s - self._back_s < BACK_S
 
-    def problems(self, now_s: float) -> list[str]:
+    def problems(self, now_s: float) -> list[CodedText]:
         """Return the reasons why the vehicle cannot fly, by the autopilot's reports, one line each."""
         if self._heartbeat is None:
-            return ["no heartbeat from the autopilot yet"]
+            return [CodedText(Code.AUTOPILOT_LINK_LOST, "no heartbeat from the autopilot yet")]
         if self.is_lost(now_s):
-            return [f"link to the autopilot lost: no heartbeat on {self._config.address}"]
+            text = f"link to the autopilot lost: no heartbeat on {self._config.address}"
+            return [CodedText(Code.AUTOPILOT_LINK_LOST, text)]
         missing = self._missing(now_s)
         if missing:
-            return [f"no {' and no '.join(missing)} from the autopilot"]
+            return [CodedText(Code.AUTOPILOT_DATA_MISSING, f"no {' and no '.join(missing)} from the autopilot")]
         seen = self.seen
         if seen is not None and seen.in_air:
-            problems = ["the autopilot is in a failsafe"] if seen.failsafe else []
+            problems = [CodedText(Code.FAILSAFE, "the autopilot is in a failsafe")] if seen.failsafe else []
         else:
             reason = self.not_ready()
             where = f" in mode {seen.mode}" if seen is not None else ""  # in some modes it cannot be armed
-            problems = [f"the autopilot is not ready to arm{where}: {reason}"] if reason is not None else []
+            text = f"the autopilot is not ready to arm{where}: {reason}"
+            problems = [CodedText(Code.NOT_READY_TO_ARM, text)] if reason is not None else []
         told = (self._trust.problem(now_s), self._batteries.problem(now_s), self.launch.problem)
         return problems + [problem for problem in told if problem is not None]
 

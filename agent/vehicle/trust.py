@@ -11,6 +11,8 @@ all below ``drift_m``.
 from __future__ import annotations
 
 from radron.agent.vehicle.mavlink.messages import EstimatorStatus
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 SILENCE_S = 2.0  # without a message of the receiver, which sends five a second, satellites count as lost
 CONFIRM_S = 3.0  # everything must have been well again for this long; PX4 leaves its failsafe after 2 s
@@ -86,15 +88,17 @@ class PositionTrust:
             return 0.0
         return drift_m((now_s if self._well_s is None else self._well_s) - self._blind_s)
 
-    def problem(self, now_s: float) -> str | None:
+    def problem(self, now_s: float) -> CodedText | None:
         """Return the reason in words why the autopilot's position cannot be trusted; None if it can."""
         if self.at(now_s):
             return None
         if not self.hears_satellites(now_s):
-            return "no satellites: the position is drifting"
+            return CodedText(Code.SATELLITES_LOST, "no satellites: the position is drifting")
         if not self._estimates:
-            return "satellites and the autopilot's estimate disagree: the position is unknown"
-        return "satellites or the position were lost a moment ago: the position is being confirmed"
+            text = "satellites and the autopilot's estimate disagree: the position is unknown"
+            return CodedText(Code.POSITION_DISPUTED, text)
+        text = "satellites or the position were lost a moment ago: the position is being confirmed"
+        return CodedText(Code.POSITION_CONFIRMING, text)
 
     def _judge(self, now_s: float) -> None:
         if not self._by_satellites:

@@ -28,6 +28,8 @@ from radron.agent.feed import LineFeed
 from radron.agent.geometry import Quaternion, Vector3
 from radron.agent.owntime import Utc
 from radron.agent.vehicle.frame import frd_from_flu, ned_from_enu
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 STALE_NS = 500_000_000
 SILENCE_S = 1.0  # without poses for this long the autopilot soon loses its position
@@ -79,11 +81,12 @@ class Vision:
         self.counters: Counter[str] = self._feed.counters
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """The present problems of the SLAM's feed, one line each."""
         if time.monotonic() - self._pose_s < SILENCE_S:
             return ()
-        return (self._feed.problem or self._flaw or f"no pose from the vision system for {SILENCE_S:g} s",)
+        text = self._feed.problem or self._flaw or f"no pose from the vision system for {SILENCE_S:g} s"
+        return (CodedText(Code.VISION_FEED, text),)
 
     async def run(self) -> None:
         """Forward poses to the autopilot until ``close`` is called."""

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import zenoh
 
 from radron.protocol.bucket import Bucket
+from radron.protocol.codes import Code
 from radron.protocol.mesh.link import in_thread
+from radron.protocol.texts import CodedText
 from radron.protocol.units import STATION
 
 MAX_LOOP_SHARE = 0.1  # of the loop's time goes into answers at most, at any rate of queries
@@ -56,11 +58,13 @@ class Answers:
         self._quotas: dict[str, _Quota] = {}  # by asker
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Peers that continue to query the log although their budget of bytes is spent, one line each."""
         now_s = self._loop.time()
         crowding = [asker for asker, quota in self._quotas.items() if quota.refused.left(now_s) < 0.0]
-        return tuple(f"{'an operator' if asker == STATION else asker} asks for too much of the log" for asker in crowding)
+        named = ((asker, None if asker == STATION else asker) for asker in crowding)
+        text = "{} asks for too much of the log"
+        return tuple(CodedText(Code.LOG_QUERIES, text.format(about or "an operator"), about) for _, about in named)
 
     def reply(self, query: zenoh.Query, asker: str) -> None:
         """Answer a peer's query for log entries, or refuse it if a limit is reached. Must be called in the event loop's thread.

@@ -17,11 +17,13 @@ from dataclasses import dataclass, field
 
 from radron.protocol.bucket import Bucket
 from radron.protocol.codec import size_limit
+from radron.protocol.codes import Code
 from radron.protocol.entries import Entry
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import Key, parse_key
 from radron.protocol.mesh.publishers import Publishers
 from radron.protocol.messages import DRONE_KINDS, STATION_KINDS
+from radron.protocol.texts import CodedText
 
 ENTRY_KINDS = tuple(kind for kind, message in DRONE_KINDS.items() if issubclass(message, Entry))
 NEWS_KINDS = tuple(kind for kind in DRONE_KINDS if kind not in ENTRY_KINDS)
@@ -131,7 +133,7 @@ class Inbox:
         self._closed = True
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Problems of reception, one line each: peers that flood the network, and names with two publishing sessions."""
         now_s = self._loop.time()
         with self._lock:
@@ -140,8 +142,8 @@ class Inbox:
             for (name, _), share in self._shares.items():
                 if now_s - share.flood_s < FLOOD_REPORTED_S:
                     told[name] += share.lost
-        floods = (f"{name} floods the mesh: {lost} of its messages were too many" for name, lost in sorted(told.items()))
-        return *copied, *floods
+        text = "{} floods the mesh: {} of its messages were too many"
+        return *copied, *(CodedText(Code.FLOOD, text.format(name, lost), name) for name, lost in sorted(told.items()))
 
     def _take(self, key: Key | None, payload: bytes | None, by: str | None, session: str) -> None:
         if key is None:

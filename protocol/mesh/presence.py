@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections import Counter
 
+from radron.protocol.codes import Code
 from radron.protocol.keys import read_token
+from radron.protocol.texts import CodedText
 from radron.protocol.versions import PROTOCOL
 
 MAX_ALIVE = 256  # kept names with a liveliness token
@@ -38,10 +40,11 @@ class Presence:
             self._counters["overflow"] += 1
 
     @property
-    def differing(self) -> tuple[str, ...]:
+    def differing(self) -> tuple[CodedText, ...]:
         """Connected drones with another version of the protocol, one line of text each."""
+        text = f"{{}} speaks version {{}} of the protocol, here {PROTOCOL}: give all the same version of radron"
         return tuple(
-            f"{drone} speaks version {version or 'unknown'} of the protocol, here {PROTOCOL}: give all the same version of radron"
+            CodedText(Code.PROTOCOL_DIFFERS, text.format(drone, version or "unknown"), drone)
             for drone, version in sorted(self._differing.items())
         )
 

@@ -10,6 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
+
 LEASE_S = 1.5  # in which messages of an ended session may still arrive: one and a half times Zenoh's lease
 SHOWN_S = 10.0  # a copied key is reported for this time
 MAX_SESSIONS = 8  # remembered for a name
@@ -58,7 +61,8 @@ class Publishers:
         if together_s >= LEASE_S or len(spans) > MAX_OF_RESTART:
             self._shown_s[name] = now_s
 
-    def problems(self, now_s: float) -> tuple[str, ...]:
+    def problems(self, now_s: float) -> tuple[CodedText, ...]:
         """Return one line of text for each name under which two sessions publish."""
         shown = sorted(name for name, shown_s in self._shown_s.items() if now_s - shown_s < SHOWN_S)
-        return tuple(f"{name}: two sessions publish under its name (a copied key, or an agent started twice)" for name in shown)
+        text = "two sessions publish under its name (a copied key, or an agent started twice)"
+        return tuple(CodedText(Code.TWO_SESSIONS, f"{name}: {text}", name) for name in shown)

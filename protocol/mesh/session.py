@@ -17,6 +17,7 @@ from zenoh import CongestionControl, Locality, Priority, ext
 from zenoh.handlers import Callback
 
 from radron.protocol.codec import MAX_PAYLOAD_BYTES
+from radron.protocol.codes import Code
 from radron.protocol.errors import MeshError, ProtocolError
 from radron.protocol.keys import ROOT, drone_key, log_query_key, parse_key, read_token, station_key, token_keys
 from radron.protocol.mesh.answers import Answer, Answers
@@ -27,6 +28,7 @@ from radron.protocol.mesh.outgoing import Outgoing
 from radron.protocol.mesh.presence import Presence
 from radron.protocol.mesh.queries import Pace, Serving, fetch, query
 from radron.protocol.messages import STATION_KINDS
+from radron.protocol.texts import CodedText
 from radron.protocol.units import STATION
 
 __all__ = ["Mesh", "MeshConfig"]
@@ -163,17 +165,17 @@ class Mesh:
         return frozenset(self._presence.alive)
 
     @property
-    def differing(self) -> tuple[str, ...]:
+    def differing(self) -> tuple[CodedText, ...]:
         """Drones with another version of the protocol, one line of text each; they cannot fly together with this drone."""
         return self._presence.differing
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Problems of the network for the operator, one line each.
 
         Reported are a missing session, flooding publishers, names with two sessions, and peers that query too much.
         """
-        shut = () if self._failure is None else (f"no other drone is reached: {self._failure}",)
+        shut = () if self._failure is None else (CodedText(Code.NETWORK_CLOSED, f"no other drone is reached: {self._failure}"),)
         asked = () if self._answers is None else self._answers.problems
         return shut + self._inbox.problems + asked
 

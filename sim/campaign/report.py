@@ -12,8 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from msgspec import Struct
 
-from radron.agent.config.beyond import OUTSIDE
-from radron.agent.config.survey import MAPPED
+from radron.protocol.codes import Code
 from radron.sim.campaign.flights import Flown
 from radron.sim.campaign.sources import sources_markdown, summarise_sources
 from radron.sim.figures.campaign import boxes_figure, ecdf_figure, tuning_figure
@@ -66,12 +65,12 @@ def _excluded(result: RunResult) -> str:
 def _without_estimate(result: RunResult, there: bool) -> str:
     """Report a flight without an estimate. ``there``: there is a source."""
     excluded = "" if result.excluded_bq is None else f"{becquerels(result.excluded_bq)} or more would have been found anywhere"
-    if OUTSIDE in result.finding:
+    if result.finding_code == Code.SOURCE_OUTSIDE:
         return f"The swarm tells: {result.finding}."
     if result.decision is not None:
         total = "" if result.total_error is None else f"; the activity is {100.0 * result.total_error:.0f} % off"
         return f"The map tells: {result.decision}{total}."
-    if result.finding.startswith(MAPPED):
+    if result.finding_code == Code.MAPPED:
         return f"The swarm has {result.finding}."
     if result.nothing_found or not there:
         truth = "though there is one" if there else "and there is none"

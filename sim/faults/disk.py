@@ -12,7 +12,9 @@ import msgspec
 from radron.agent.errors import ConfigError
 from radron.agent.mission.memory import Memory
 from radron.agent.shell.statestore import State, decode_state, encode_state
+from radron.protocol.codes import Code
 from radron.protocol.revocations import Revocation
+from radron.protocol.texts import CodedText
 from radron.sim.faults.agents import Disk
 from radron.sim.faults.base import Fault
 from radron.sim.faults.kinds import LIVE_ONLY, kind_of
@@ -27,12 +29,12 @@ Struck = Sequence[tuple[Disk, Active]]
 class StateDisk:
     """The saved files of one agent on a simulated disk, which may be full, slow or damaged.
 
-    ``problem``: why its state could not be written or read; empty without a problem. ``revoked``: the known revocations, in a
+    ``problem``: why its state could not be written or read; None without a problem. ``revoked``: the known revocations, in a
     file of their own, written at the shell's next look (``process.LOOK_NS``), also on a slow disk.
     """
 
     def __init__(self) -> None:
-        self.problem = ""
+        self.problem: CodedText | None = None
         self.revoked: tuple[Revocation, ...] = ()
         self._content = b""
         self._writing: tuple[int, bytes] | None = None  # time of completion, content
@@ -50,9 +52,9 @@ class StateDisk:
         if not self._readable or self._writing is not None or content == self._content:
             return
         if "full" in hows:
-            self.problem = "state not saved (No space left on device): an agent that is restarted in flight will not rejoin it"
+            self.problem = CodedText(Code.STATE_NOT_SAVED, "state not saved (No space left on device)")
             return
-        self.problem = ""
+        self.problem = None
         if "slow" in hows:
             self._writing = now_ns + SLOW_WRITE_NS, content
         else:
@@ -65,7 +67,7 @@ class StateDisk:
 
     def load(self, struck: Struck) -> Memory | None:
         """Return the state that a restarted agent finds on the disk; an unreadable file is left as it is."""
-        self._writing, self.problem, self._readable = None, "", True
+        self._writing, self.problem, self._readable = None, None, True
         content = self._content
         for fault, active in struck:
             if fault.how == "state-torn":
@@ -78,7 +80,7 @@ class StateDisk:
             return decode_state(content).memory if content else None
         except msgspec.MsgspecError as error:
             self._readable = False
-            self.problem = f"no readable state file ({error}): a flight could not be resumed after a restart; move it away"
+            self.problem = CodedText(Code.STATE_UNREADABLE, f"no readable state file ({error})")
             return None
 
 

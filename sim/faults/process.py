@@ -207,7 +207,7 @@ class Crew:
             if agent.life is Life.RUNNING:
                 self._keep(drone, now_ns)
                 agent.disk.keep_revoked(agent.pilot.revocations, self._schedule.active(Disk, drone))
-                agent.pilot.block((agent.disk.problem,) if agent.disk.problem else ())
+                agent.pilot.block(() if agent.disk.problem is None else (agent.disk.problem,))
 
     def _keep(self, drone: int, now_ns: int) -> None:
         agent = self.agents[drone]

@@ -9,12 +9,14 @@ import numpy as np
 
 from radron.agent.config.mission import MissionConfig
 from radron.protocol.codec import decode_from
+from radron.protocol.codes import Code
 from radron.protocol.entries import Cone
 from radron.protocol.errors import ProtocolError
 from radron.protocol.message import DroneMessage
 from radron.protocol.messages import AnyDroneMessage, Estimate, Stage, Status, Ticket
 from radron.protocol.signing import Verifier
 from radron.protocol.stages import ON_GROUND
+from radron.protocol.texts import CodedText
 from radron.sim.geometry import Array
 from radron.sim.vehicle.px4.fleet import VehicleReport
 
@@ -81,14 +83,14 @@ class ObservedAgent:
         return self.status.ticket if self.status is not None else None
 
     @property
-    def finding(self) -> str:
+    def finding(self) -> CodedText | None:
         """Result of a search that has found nothing; empty otherwise."""
-        return self.status.finding if self.status is not None else ""
+        return self.status.texts.finding if self.status is not None else None
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Problems that the agent reports."""
-        return self.status.problems if self.status is not None else ()
+        return self.status.texts.problems if self.status is not None else ()
 
     def hear(self, message: DroneMessage, now_s: float) -> None:
         """Process a message of this agent."""
@@ -134,8 +136,8 @@ class ObservedAgent:
             return f"another mission file ({self.status.mission}, here {mission_id})"
         if self.status.stage not in ON_GROUND:
             return f"in {self.status.stage} already"
-        awaited = tuple(f"no contact with {name} " for name in without)
-        return next((text for text in self.status.problems if not text.startswith(awaited)), None)
+        problems = self.status.texts.problems
+        return next((one for one in problems if one.code != Code.NO_CONTACT or one.about not in without), None)
 
 
 class Observer:
@@ -169,9 +171,11 @@ class Observer:
         place = self._places.get(message.drone)
         if place is None:
             return
-        if isinstance(message, Status) and self.verifier is not None and not self.verifier.accepts_status(message):
-            self.refused += 1
-            return
+        if isinstance(message, Status) and self.verifier is not None:
+            if not self.verifier.accepts_status(message):
+                self.refused += 1
+                return
+            message = self.verifier.with_signed_codes(message)
         self.agents[place].hear(message, self._clock_s())
         for listen in self.listeners:
             listen(place, message)

@@ -35,6 +35,7 @@ class AgentEnd(Struct, frozen=True, kw_only=True):
     truth: str
     counters: dict[str, int]
     problems: tuple[str, ...]
+    problem_codes: tuple[str, ...]
 
 
 class LiveReport(Struct, frozen=True, kw_only=True):
@@ -104,5 +105,6 @@ def _end_of(agent: ObservedAgent, vehicle: VehicleReport) -> AgentEnd:
         failsafes=agent.failsafes,
         truth=vehicle.truth,
         counters=dict(counters),
-        problems=agent.problems,
+        problems=tuple(map(str, agent.problems)),
+        problem_codes=tuple(text.code for text in agent.problems),
     )

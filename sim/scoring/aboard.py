@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from radron.protocol.messages import Stage
+from radron.protocol.texts import CodedText
 from radron.sim.faults.process import Agent as Process
 from radron.sim.scoring.believers import Believer, Excluding
 from radron.sim.scoring.framescore import Graph
@@ -38,9 +39,9 @@ class Aboard:
         return self._process.pilot.outlook if self.alive else None
 
     @property
-    def finding(self) -> str:
-        """Result of a search that has found nothing; empty otherwise."""
-        return self._process.pilot.finding if self.alive else ""
+    def finding(self) -> CodedText | None:
+        """Result of a search that has found nothing; None otherwise."""
+        return self._process.pilot.finding if self.alive else None
 
     @property
     def graph(self) -> Graph:

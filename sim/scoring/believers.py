@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radron.protocol.messages import Stage
+from radron.protocol.texts import CodedText
 from radron.sim.scoring.score import Belief
 
 
@@ -71,8 +72,8 @@ class Agent(Believer, Protocol):
         """Stage of the agent's mission."""
 
     @property
-    def finding(self) -> str:
-        """Result of a search that has found nothing; empty otherwise."""
+    def finding(self) -> CodedText | None:
+        """Result of a search that has found nothing; None otherwise."""
 
 
 def excluded_nuclides_bq(believer: Believer) -> dict[str, float] | None:

@@ -180,7 +180,7 @@ class Recorder:
     def _record_finding(self) -> None:
         """Record the exclusion limits at the end of the first drone's search without a source; a later find clears them."""
         first = self._agents[self._first]
-        if not first.finding:
+        if first.finding is None:
             self._excluded_bq = None
         elif self._excluded_bq is None:
             self._excluded_bq = _excluded_bq(first)
@@ -209,9 +209,10 @@ class Recorder:
         by_nuclide = excluded_nuclides_bq(first)
         ground = contaminated_ground(self._scenario, streams(seed, len(self._agents)))
         spots = [spot for part in ground for spot in part.spots]
-        sources = self._source_score(spots)
-        result = self._result(self._score, first.finding != "", excluded_bq, seed, wall_s, sources, by_nuclide)
-        return replace(result, finding=first.finding, **asdict(self._ground_score(ground)))
+        sources, found = self._source_score(spots), first.finding
+        result = self._result(self._score, found is not None, excluded_bq, seed, wall_s, sources, by_nuclide)
+        told = {} if found is None else {"finding": str(found), "finding_code": found.code}
+        return replace(result, **told, **asdict(self._ground_score(ground)))
 
     def listened(self, seed: int, wall_s: float) -> dict[str, RunResult]:
         """Return the scores of the estimators without influence on the flight, by name."""

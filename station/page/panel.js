@@ -63,8 +63,9 @@ function excludedLines({ nuclides_bq, left, glare }) {
   ];
 }
 
-export function showDrones({ drones, source, warnings, revoked }) {
-  showSwarm(drones, [...revoked.map((member) => say("revoked", { member })), ...warnings]);
+export function showDrones({ drones, source, warnings, warning_codes, revoked }) {
+  const withdrawn = revoked.map((member) => element("div", say("revoked", { member }), "problem"));
+  showSwarm(drones, [...withdrawn, ...coded(warnings, warning_codes, "problem")]);
   const far = source ? Math.max(0.5, 3 * source.rms_m) : 0;
   document.getElementById("drones").replaceChildren(...drones.map((drone, index) => droneItem(drone, index, far)));
 }
@@ -76,7 +77,7 @@ function showSwarm(drones, warnings) {
   const parts = [say("swarm", { heard: drones.length - silent.length, all: drones.length }), ...named("silent drones", silent),
     ...named("drones with problems", drones.filter((drone) => !drone.stale && drone.problems.length))];
   const box = document.getElementById("swarm");
-  box.replaceChildren(element("span", parts.join(" · "), parts.length > 1 ? "problem" : "dim"), ...warnings.map((text) => element("div", text, "problem")));
+  box.replaceChildren(element("span", parts.join(" · "), parts.length > 1 ? "problem" : "dim"), ...warnings);
 }
 
 function droneItem(drone, index, far) {
@@ -107,8 +108,7 @@ function droneItem(drone, index, far) {
   if (spectrum) item.append(spectrum);
   if (drone.apart_m > far) item.append(element("div", say("apart", { apart: significant(drone.apart_m) }), "problem"));
   if (drone.other_mission) item.append(element("div", say("other mission", { mission: drone.other_mission }), "problem"));
-  for (const problem of drone.problems) item.append(element("div", problem, "problem"));
-  for (const notice of drone.notices) item.append(element("div", notice, "dim"));
+  item.append(...coded(drone.problems, drone.problem_codes, "problem"), ...coded(drone.notices, drone.notice_codes, "dim"));
   return item;
 }
 
@@ -123,4 +123,13 @@ export function showEvents(events) {
     return item;
   });
   document.getElementById("events").replaceChildren(...items.reverse());
+}
+
+/** Lines of texts, each with its code as an attribute: for style sheets and other readers of the page. */
+function coded(texts, codes, className) {
+  return texts.map((text, place) => {
+    const line = element("div", text, className);
+    if (codes[place]) line.dataset.code = codes[place]; // drones of former releases send none
+    return line;
+  });
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import zip_longest
 
 from radron.station.picture.frame import DroneFrame, Event, Frame
 from radron.station.picture.orders import Heard
@@ -49,10 +50,15 @@ class Events:
         if drone.stale != before.stale and (before.age_s is not None or not drone.stale):
             text = "silent" if drone.stale else "heard"
             yield Event(at_ms=at_ms, text=text, values={"drone": drone.id}, level="warning" if drone.stale else "info")
-        for problem in drone.problems:
-            if problem not in before.problems:
-                values = {"drone": drone.id, "problem": problem}
-                yield Event(at_ms=at_ms, text="problem", values=values, level="warning")
-        for problem in before.problems:
-            if problem not in drone.problems:
-                yield Event(at_ms=at_ms, text="problem over", values={"drone": drone.id, "problem": problem})
+        problems, earlier = _coded(drone), _coded(before)
+        for problem in (one for one in problems if one not in earlier):
+            values = {"drone": drone.id, "problem": problem, "code": problems[problem]}
+            yield Event(at_ms=at_ms, text="problem", values=values, level="warning")
+        for problem in (one for one in earlier if one not in problems):
+            values = {"drone": drone.id, "problem": problem, "code": earlier[problem]}
+            yield Event(at_ms=at_ms, text="problem over", values=values)
+
+
+def _coded(drone: DroneFrame) -> dict[str, str]:
+    """Return the codes of a drone's problems, by text; empty where the drone sends none."""
+    return dict(zip_longest(drone.problems, drone.problem_codes, fillvalue=""))

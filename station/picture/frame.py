@@ -45,6 +45,8 @@ class DroneFrame(Struct, frozen=True, kw_only=True):
     other_mission: str = ""
     problems: tuple[str, ...] = ()
     notices: tuple[str, ...] = ()
+    problem_codes: tuple[str, ...] = ()
+    notice_codes: tuple[str, ...] = ()
 
 
 class SourceFrame(Struct, frozen=True, kw_only=True):
@@ -103,6 +105,7 @@ class Frame(Struct, frozen=True, kw_only=True):
     digest: str = ""
     entries: int = 0
     warnings: tuple[str, ...] = ()
+    warning_codes: tuple[str, ...] = ()
     revoked: tuple[str, ...] = ()
 
 

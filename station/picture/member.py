@@ -146,6 +146,8 @@ def _with_status(frame: DroneFrame, status: Status | None) -> DroneFrame:
         battery=status.battery,
         problems=status.problems,
         notices=status.notices,
+        problem_codes=tuple(text.code for text in status.texts.problems),
+        notice_codes=tuple(text.code for text in status.texts.notices),
         recognised=status.recognised.nuclide if status.recognised is not None else None,
     )
 

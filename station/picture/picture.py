@@ -26,6 +26,7 @@ from radron.protocol.messages import AnyDroneMessage, Order, Status
 from radron.protocol.revocations import Revocation, Revoked
 from radron.protocol.signing import Verifier
 from radron.protocol.spectrum import EDGES_KEV, unknown_nuclide
+from radron.protocol.texts import CodedText
 from radron.station.picture.curves import ground_curves
 from radron.station.picture.dose import rate_usvph
 from radron.station.picture.events import Events, told
@@ -78,7 +79,7 @@ class Picture:
         self.members = {drone.id: Member(drone.id, drone.localization) for drone in mission.drones}
         self.counters: Counter[str] = Counter()
         self.on_entry: list[Callable[[Entry], None]] = []  # called with each entry that comes into the log
-        self.link_problems: tuple[str, ...] = ()
+        self.link_problems: tuple[CodedText, ...] = ()
         self._verifier, self._estimators = verifier, estimators
         self._ground = Ground.from_config(mission)
         self._rasters = Rasters(mission)
@@ -147,14 +148,21 @@ class Picture:
         if message.drone in self.log.revoked:
             self.counters["revoked"] += 1
             return
-        if isinstance(message, Status) and not self.log.is_signed(message, now_ns):
+        if isinstance(message, Status):
+            self._take_status(message, member, now_ns)
+        else:
+            member.hear(message, now_ns)
+
+    def _take_status(self, status: Status, member: Member, now_ns: int) -> None:
+        """Take a status as far as its drone has signed it."""
+        if (signed := self.log.signed(status, now_ns)) is None:
             self.counters["forged"] += 1
             return
-        member.hear(message, now_ns)
-        if isinstance(message, Status):
-            self.orders.hear(message, now_ns)
-        if isinstance(message, Status) and message.mission == self._mission_id and message.started_ns is not None:
-            self.log.start(message.started_ns)
+        self.counters["forged_codes"] += signed is not status
+        member.hear(signed, now_ns)
+        self.orders.hear(signed, now_ns)
+        if signed.mission == self._mission_id and signed.started_ns is not None:
+            self.log.start(signed.started_ns)
 
     def appear(self, alive: Collection[str]) -> None:
         """Set which drones are connected to the network."""
@@ -175,6 +183,7 @@ class Picture:
         hypothesis, outlook = self.log.fusion.hypothesis, self.log.fusion.outlook
         found = (hypothesis, *hypothesis.others) if hypothesis is not None else ()
         sources = self._numbering.numbered([self._source(one) for one in found], now_ns // 1_000_000)
+        warnings = *self.link_problems, *self.log.problems(now_ns)
         findings = {member.status.finding for member in self.members.values() if member.status is not None} - {""}
         return Frame(
             at_ms=now_ns // 1_000_000,
@@ -185,7 +194,8 @@ class Picture:
             finding=min(findings, default=""),
             digest=self.log.fusion.digest,
             entries=len(self.log.fusion.log),
-            warnings=(*self.link_problems, *self.log.problems(now_ns)),
+            warnings=tuple(map(str, warnings)),
+            warning_codes=tuple(text.code for text in warnings),
             revoked=tuple(sorted(self.log.revoked)),
         )
 

@@ -18,6 +18,7 @@ from radron.protocol.entries import Entry
 from radron.protocol.messages import Status
 from radron.protocol.revocations import Revocation
 from radron.protocol.signing import Verifier
+from radron.protocol.texts import CodedText
 
 
 class SwarmLog:
@@ -38,6 +39,7 @@ class SwarmLog:
         estimators by name. ``judges_exposures``: whether overlapping exposures are ignored (see ``ObservationLog``).
         """
         self.counters: Counter[str] = Counter()
+        self._verifier = verifier
         self._world = WorldModel(mission, (), estimators, judges_exposures=judges_exposures)
         drones = [drone.id for drone in mission.drones]
         self._revocations = Revocations(verifier, self.counters)
@@ -68,9 +70,14 @@ class SwarmLog:
             if self._world.take(proven, content, now_ns):
                 yield proven
 
-    def is_signed(self, status: Status, now_ns: int) -> bool:
-        """Return whether a status is signed by its drone; in a swarm without certificates every status is accepted."""
-        return self._proofs.is_signed(status, now_ns)
+    def signed(self, status: Status, now_ns: int) -> Status | None:
+        """Return a status as far as its drone has signed it: without codes if their signature is wrong, None if the status's is.
+
+        In a swarm without certificates every status is accepted.
+        """
+        if not self._proofs.is_signed(status, now_ns):
+            return None
+        return status if self._verifier is None else self._verifier.with_signed_codes(status)
 
     def revoke(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> None:
         """Obey a revocation (withdrawal of a member's rights): remove the member's later log entries, as the drones do.
@@ -108,7 +115,7 @@ class SwarmLog:
         """Return the estimator's posterior distribution of the source's position; None if it has none."""
         return posterior_of(self.fusion, now_ns)
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Return problems of the log, one line each.
 
         Reported are messages without a valid signature, and drones whose entries are postponed.

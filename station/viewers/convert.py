@@ -125,6 +125,8 @@ def drone_table(drone: DroneFrame) -> DroneTable:
         recognised=drone.recognised,
         problems=drone.problems,
         notices=drone.notices,
+        problem_codes=drone.problem_codes,
+        notice_codes=drone.notice_codes,
     )
 
 

@@ -46,6 +46,8 @@ class DroneTable(Table, frozen=True, kw_only=True, omit_defaults=True):
     recognised: str | None = None
     problems: tuple[str, ...] = ()
     notices: tuple[str, ...] = ()
+    problem_codes: tuple[str, ...] = ()
+    notice_codes: tuple[str, ...] = ()
 
 
 class CountsTable(Table, frozen=True, kw_only=True, omit_defaults=True):

@@ -18,6 +18,8 @@ from radron.agent.detector.spectroscopy.recognition import MIN_LINE_EVIDENCE, MI
 from radron.agent.detector.spectroscopy.residuals import contradiction
 from radron.agent.detector.spectroscopy.shapes import Reading, strongest_line_kev
 from radron.agent.geometry import Array
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 CALIBRATION_SIGMA = 0.02  # relative, of the gain at the start
 # Of the places of the lines as they are modelled: relative, and charge that pixels lose below their thresholds. Spectra of 6,000
@@ -124,7 +126,7 @@ class EnergyScale:
         self._is_told = abs(1.0 / self.factor - 1.0) > (MAX_UNTOLD if self._is_told else MIN_TOLD)
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """A line for the operator while the camera's gain deviates by more than is usual for a calibrated camera; empty
         otherwise.
         """
@@ -132,7 +134,8 @@ class EnergyScale:
             return ()
         off = 1.0 / self.factor - 1.0
         way = "high" if off > 0.0 else "low"
-        return (f"camera: gain {100.0 * abs(off):.0f} % {way}, by the lines of its nuclide; corrected",)
+        text = f"camera: gain {100.0 * abs(off):.0f} % {way}, by the lines of its nuclide; corrected"
+        return (CodedText(Code.CAMERA_GAIN, text),)
 
 
 def read(counts: Array, nuclides: tuple[str, ...], readings: tuple[Reading, ...], evidence: float) -> tuple[float, float] | None:

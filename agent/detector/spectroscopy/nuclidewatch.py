@@ -9,7 +9,9 @@ from radron.agent.detector.spectroscopy.recognition import Recogniser, Recogniti
 from radron.agent.detector.spectroscopy.residuals import told
 from radron.agent.detector.windows import candidates_of
 from radron.agent.geometry import Array
+from radron.protocol.codes import Code
 from radron.protocol.messages import Recognised
+from radron.protocol.texts import CodedText
 
 RECOGNITION_PERIOD_NS = 10_000_000_000
 
@@ -69,21 +71,21 @@ class NuclideWatch:
         return None if found is None else Recognised(found.nuclide, found.evidence)
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Lines for the operator: the spectrum contradicts the mission's nuclide, or its lines have moved."""
         return (*self._scale.problems, *self._strange)
 
     @property
-    def _strange(self) -> tuple[str, ...]:
+    def _strange(self) -> tuple[CodedText, ...]:
         found, expected = self.recognised, ", ".join(self._expected)
         if found is not None and found.nuclide not in self._expected:
-            return (
-                f"the camera's spectrum is that of {found.nuclide} (evidence {found.evidence:.0f}), the mission is after "
-                f"{expected}; set its nuclide",
-            )
-        if self._unknown_kev and len(self._expected) == 1:
-            lines = told(self._unknown_kev)
-            return (f"the camera's spectrum has lines at {lines}, of no one known nuclide; the mission is after {expected}",)
-        if self._unknown_kev:
-            return (f"unknown nuclide: the camera's spectrum has lines at {told(self._unknown_kev)}, of none of {expected}",)
-        return ()
+            text = f"the camera's spectrum is that of {found.nuclide} (evidence {found.evidence:.0f}), the mission is after "
+            return (CodedText(Code.NUCLIDE_OTHER, f"{text}{expected}; set its nuclide"),)
+        if not self._unknown_kev:
+            return ()
+        lines = told(self._unknown_kev)
+        if len(self._expected) == 1:
+            text = f"the camera's spectrum has lines at {lines}, of no one known nuclide; the mission is after {expected}"
+        else:
+            text = f"unknown nuclide: the camera's spectrum has lines at {lines}, of none of {expected}"
+        return (CodedText(Code.LINES_UNKNOWN, text),)

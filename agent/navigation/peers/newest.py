@@ -13,6 +13,7 @@ from radron.agent.navigation.peers.sources import RECENT_NS, Sources, Story
 from radron.protocol.entries import Sighting
 from radron.protocol.messages import Plan, Pose, Stage, Status
 from radron.protocol.stages import ON_GROUND
+from radron.protocol.texts import CodedText
 
 NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped
@@ -196,7 +197,7 @@ class Peers:
         """Whether two sources have lately sent under a drone's id."""
         return drone in self._peers and self._peers[drone].sources.are_two(now_ns)
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Problems of drones with two sources under one id, as texts."""
         told = (self._peers[name].sources.problem(name, now_ns) for name in self.names)
         return tuple(text for text in told if text is not None)

@@ -21,8 +21,10 @@ from operator import mul
 
 from msgspec.structs import replace
 
+from radron.protocol.codes import Code
 from radron.protocol.messages import Pose, Status
 from radron.protocol.stages import ON_GROUND
+from radron.protocol.texts import CodedText
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a safety pilot
 SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
@@ -167,11 +169,12 @@ class Sources:
             return False
         return max(one.newest.stamp_ns for one in self.stories) - self._rests_ns >= REST_NS
 
-    def problem(self, drone: str, now_ns: int) -> str | None:
+    def problem(self, drone: str, now_ns: int) -> CodedText | None:
         """Return the line for the operator; None with one source."""
         if not self.are_two(now_ns):
             return None
-        return f"{drone}: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
+        text = f"{drone}: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
+        return CodedText(Code.TWO_SOURCES, text, drone)
 
     def restamp(self, by_ns: int) -> None:
         """Correct all stamps of the drone's news by a new estimate of its clock."""

@@ -11,6 +11,8 @@ from radron.agent.frames.transform import Transform
 from radron.agent.geometry import Array
 from radron.agent.navigation.unheard.contact import Wall
 from radron.agent.navigation.unheard.wayaround import KeptPlace
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 
 class Absence(Struct, frozen=True):
@@ -47,6 +49,12 @@ class Absence(Struct, frozen=True):
     def unheard(self) -> tuple[str, ...]:
         """Missing drones with a lost link."""
         return tuple(name for name in self.missing if name not in self.unhearing)
+
+    @property
+    def problems(self) -> tuple[CodedText, ...]:
+        """Problems of the links for the operator, one line each."""
+        lost = [CodedText(Code.PEERS_LOST, f"does not hear {', '.join(self.unheard)} any more")] if self.unheard else []
+        return (*lost, *([CodedText(Code.NOT_HEARD, f"is not heard by {', '.join(self.unhearing)}")] if self.unhearing else []))
 
     @property
     def may_circle(self) -> bool:

@@ -11,6 +11,8 @@ import struct
 from contextlib import suppress
 
 from radron.agent.errors import VehicleError
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 _NETWORK = re.compile(r"(?P<kind>udp|udpin|udpout|tcp|tcpin|tcpout)://(?P<host>\[[^\]]*\]|[^:/]*)(?::(?P<port>\d+))?")
 _SO_ATTACH_FILTER = 26
@@ -18,7 +20,7 @@ _SENDER = -0x100000 + 12  # Linux: the network header begins there; the sender's
 _LOAD, _IF_EQUAL, _RETURN = 0x20, 0x15, 0x06  # of the kernel's packet filter: BPF_LD, BPF_JMP | BPF_JEQ, BPF_RET
 
 
-def exposure(address: str, source: str | None = None, first: str | None = None) -> str | None:
+def exposure(address: str, source: str | None = None, first: str | None = None) -> CodedText | None:
     """Return the warning to the operator if other computers can send commands to the autopilot over this link; else None.
 
     Loopbacks and serial lines are safe.
@@ -38,7 +40,8 @@ def exposure(address: str, source: str | None = None, first: str | None = None) 
         taken = f"packets only from {source}"
     elif first is not None:
         taken = f"packets only from {first}, whose vehicle was heard first (vehicle.source is not set)"
-    return f"MAVLink at {address} is neither loopback nor serial, {taken}: whoever is on this network can command the autopilot"
+    text = f"MAVLink at {address} is neither loopback nor serial, {taken}: whoever is on this network can command the autopilot"
+    return CodedText(Code.AUTOPILOT_PORT_OPEN, text)
 
 
 def take_only_from(address: str, source: str) -> None:

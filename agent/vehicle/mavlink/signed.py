@@ -12,11 +12,14 @@ from typing import NamedTuple
 
 from radron.agent.vehicle.mavlink.header import AUTOPILOT, FIRST_BYTES, header_at
 from radron.agent.vehicle.mavlink.overhearing import overhear
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 FIRST_S = 1.2  # an autopilot sends a heartbeat each second, and mostly much else
-SIGNED = (
+SIGNED = CodedText(
+    Code.AUTOPILOT_SIGNED,
     "the autopilot signs its MAVLink messages and ignores ours, as MAVSDK signs none: "
-    "remove mavlink/mavlink-signing-key.bin from its SD card"
+    "remove mavlink/mavlink-signing-key.bin from its SD card",
 )
 
 

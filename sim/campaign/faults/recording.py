@@ -20,6 +20,7 @@ from radron.agent.mission.memory import Memory
 from radron.agent.navigation.reckoning import Reckoning
 from radron.agent.pilot import Pilot
 from radron.protocol.signing import Trust
+from radron.protocol.texts import CodedText
 
 _LIMIT_MB = 1000  # far beyond a random mission
 
@@ -54,7 +55,7 @@ class _Recorded(RecordedPilot):
         return self._pilot.backlog_s
 
     @property
-    def problems(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[CodedText, ...]:
         """Forward to ``Pilot``."""
         return self._pilot.problems
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codes import Code
 from radron.protocol.messages import AnyDroneMessage, Pose, Stage, Status
 from radron.sim.campaign.faults.mission import Log
 from radron.sim.faults.agents import Freeze, Kill, SlowCpu
@@ -29,13 +30,13 @@ from radron.sim.scoring.moment import OFF_GROUND_M, Scene
 
 WRONG_SIGMAS, WRONG_M, WRONG_RAD, WRONG_S = 6.0, 1.0, 0.25, 2.0  # an own pose is wrong beyond all of these
 STATUS_WITHIN_S = 6.0  # after 2 s without a message of the receiver its satellites count as lost; and a status comes each second
+_INSTEAD = frozenset({Code.AUTOPILOT_LINK_LOST, Code.AUTOPILOT_DATA_MISSING})  # with these an agent names no single message
 _SILENT = {
-    "HEARTBEAT": "link to the autopilot lost",
-    "ATTITUDE_QUATERNION": "no attitude",
-    "LOCAL_POSITION_NED": "no local position",
-    "GPS_RAW_INT": "satellites",
-}  # an agent's report of a message missing from its autopilot
-_INSTEAD = ("link to the autopilot lost", " from the autopilot")  # during these reports, an agent does not name single messages
+    "HEARTBEAT": _INSTEAD,
+    "ATTITUDE_QUATERNION": _INSTEAD,
+    "LOCAL_POSITION_NED": _INSTEAD,
+    "GPS_RAW_INT": _INSTEAD | {Code.SATELLITES_LOST, Code.POSITION_DISPUTED, Code.POSITION_CONFIRMING},
+}  # the codes by which an agent reports a message missing from its autopilot
 _TRUTHS = 200  # 10 s of them
 _DELAYED_NS = 700_000_000  # delay of stamps and world on a busy machine
 _PAUSE_NS = 1_000_000_000  # between two poses: earlier poses do not count
@@ -205,19 +206,19 @@ class SilentStream:
     """
 
     def __init__(self, fault: StreamLost, drone: str) -> None:
-        self._fault, self._drone, self._word = fault, drone, _SILENT.get(fault.message)
+        self._fault, self._drone, self._codes = fault, drone, _SILENT.get(fault.message)
         self._boot = ""  # of the agent at the begin of the fault
 
     def check(self, time_s: float, status: Status) -> str | None:
         """Return once that the report is missing in a status of that time; else None."""
-        if self._word is None or status.drone != self._drone:
+        if self._codes is None or status.drone != self._drone:
             return None
         if time_s < self._fault.at_s:
             self._boot = status.boot
         due = self._fault.at_s + STATUS_WITHIN_S < time_s < self._fault.end_s and status.boot == self._boot
-        if not due or any(word in text for text in status.problems for word in (self._word, *_INSTEAD)):
+        if not due or any(text.code in self._codes for text in status.texts.problems):
             return None
-        self._word = None
+        self._codes = None
         return f"its autopilot has not sent {self._fault.message} for {STATUS_WITHIN_S:g} s, and it does not say so"
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from radron.agent.pilot import Pilot
 from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codes import Code
 from radron.sim.faults.agents import CopiedKey, Corrupt, Cut, Equivocating, Lie, Partition, RadioRange
 from radron.sim.faults.base import Family, Fault
 from radron.sim.faults.machines import Battery, CameraDead, CameraStuck, Drag, PositionJump
@@ -25,7 +26,7 @@ MIN_BATTERY = 0.03  # of the battery: below it a real one may fail at any time
 LIAR_NAMED_S = 10.0
 IMPERSONATED_S = 2.0
 REPORT_WITHIN_S = 25.0
-_USELESS = ("it delivers nothing any more", "no hit for", "it delivers the same hits again")  # drones' reports of their cameras
+_USELESS = (Code.CAMERA_SILENT, Code.CAMERA_BLIND, Code.CAMERA_REPEATS)  # noisy pixels or shifted energies are not
 PLAINLY_MISPLACED_M = 5.0  # plainly visible to others: sightings are good to a metre or two
 SEEN_M = 30.0  # nearer vehicles are not overlooked
 FIXED_BYTES, ENTRY_BYTES = 8_000_000, 2_000  # a and b; a: the estimator's bounded checkpoints, and all planners
@@ -177,10 +178,11 @@ class Accused(Invariant[Moment]):
             return
         for drone, pilot in enumerate(moment.pilots):
             for text in pilot.problems if pilot is not None else ():
-                name, _, said = text.partition(": two sources ")
-                if not said or self.setting.struck(_ELSEWHERE, self.setting.names.index(name), moment.time_s, RECOVERY_S):
+                if text.code != Code.TWO_SOURCES or text.about is None:
                     continue
-                yield Breach((drone, self.setting.names.index(name)), text)
+                named = self.setting.names.index(text.about)
+                if not self.setting.struck(_ELSEWHERE, named, moment.time_s, RECOVERY_S):
+                    yield Breach((drone, named), str(text))
 
 
 class Impersonated(Invariant[Moment]):
@@ -205,12 +207,12 @@ class Impersonated(Invariant[Moment]):
         for drone, begin_s, end_s in self._spans:
             if not begin_s <= moment.time_s < end_s or moment.pilots[drone] is None:
                 continue
-            text = f"{self.setting.names[drone]}: two sources "
+            copied = Code.TWO_SOURCES, self.setting.names[drone]
             for other, pilot in enumerate(moment.pilots):
                 if other == drone or pilot is None or (other, drone) in self._named:
                     continue
                 self._unnamed_s[other, drone] += 0.05
-                if any(told.startswith(text) for told in pilot.problems):
+                if any((text.code, text.about) == copied for text in pilot.problems):
                     self._named.add((other, drone))
                 elif self._unnamed_s[other, drone] > IMPERSONATED_S:
                     yield Breach((other, drone), f"its key is copied since {begin_s:.1f} s, and it is not named")
@@ -259,7 +261,9 @@ class Told(Invariant[Moment]):
             since_s = max(fault.at_s, self._born[drone][1])
             if since_s > fault.at_s and isinstance(fault, CameraDead) and not fault.blind:
                 continue
-            if fault.end_s > moment.time_s > since_s + REPORT_WITHIN_S and not any(map(_is_of_useless_camera, pilot.problems)):
+            if fault.end_s > moment.time_s > since_s + REPORT_WITHIN_S and not any(
+                text.code in _USELESS for text in pilot.problems
+            ):
                 yield Breach((drone,), f"its camera sees nothing new since {fault.at_s:.1f} s, and it does not say so")
 
 
@@ -280,11 +284,6 @@ class Memory(Invariant[Moment]):
                 if held > FIXED_BYTES + ENTRY_BYTES * entries:
                     yield Breach((drone,), f"{held / 1e6:.1f} MB for {entries} entries")
                 return
-
-
-def _is_of_useless_camera(problem: str) -> bool:
-    """Return whether a drone's problem is a camera without new data; noisy pixels or shifted energies are not."""
-    return problem.startswith("camera: ") and any(text in problem for text in _USELESS)
 
 
 def bytes_of(root: object) -> int:

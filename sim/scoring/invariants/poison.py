@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from radron.protocol.codes import Code
 from radron.sim.faults.agents import Poisoned
 from radron.sim.scoring.invariants.base import LOOK_TICKS, Breach, Invariant, Setting
 from radron.sim.scoring.moment import Moment
@@ -43,6 +44,6 @@ class PoisonNamed(Invariant[Moment]):
                 yield Breach((drone,), f"it poisons the log since {begin_s:.1f} s, and nobody names it")
 
     def _is_named(self, moment: Moment, drone: int) -> bool:
-        said = f"{self.setting.names[drone]}: its exposures "
+        said = Code.EXPOSURES_LEFT_OUT, self.setting.names[drone]
         others = (pilot for other, pilot in enumerate(moment.pilots) if other != drone and pilot is not None)
-        return any(text.startswith(said) for pilot in others for text in pilot.problems)
+        return any((text.code, text.about) == said for pilot in others for text in pilot.problems)
