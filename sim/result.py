@@ -79,7 +79,8 @@ class RunResult(Struct, frozen=True, kw_only=True):
 
         nothing_found: the mission's result: no source, or none that is strong enough (for an estimator that only listens:
             it excludes the activities of the mission's search).
-        finding: this result, as reported by the first drone; empty for an estimator that only listens.
+        finding, finding_code: this result, as reported by the first drone, and its code; empty for an estimator that only
+            listens.
         excluded_bq: a source of this activity or more would have been found anywhere in the area, at the time of that result,
             else at the end; None with an estimate of one source, or without exclusion. Of a search for several sources
             of unknown nuclides: for the nuclide that is hardest to find, beside the found sources.

@@ -49,6 +49,7 @@ PATTERNS = {  # regular expressions of the protocol, in words
     "[0-9a-f]{32}": "32 hex digits",
     "[a-z0-9][a-z0-9-]{0,31}": "name of up to 32 of `a-z`, `0-9`, `-`",
     "mission|EPSG": "`mission` or an EPSG code",
+    "[a-z0-9-]{0,48}": "[code](codes.md)",
 }
 
 

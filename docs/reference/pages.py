@@ -18,6 +18,8 @@ from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import MissionConfig
 from radron.deploy.fleet.config import FleetConfig
 from radron.protocol import codec, contamination, keys, messages, summary
+from radron.protocol import codec, keys, messages, summary
+from radron.protocol.codes import Code
 from radron.sim import api
 from radron.sim.result import ConeTrace, RunResult, Trace
 from radron.sim.scenario import Scenario
@@ -84,6 +86,19 @@ SWARM, DRONE and NAME: up to 32 of `a-z`, `0-9` and `-`, beginning with a letter
 
 {summary}
 """
+_CODES = """# Codes of texts
+
+A drone tells its operator problems, notices and the finding of a search in words. Beside the words it publishes a code for
+each text ([`codes`](protocol.md#codes) of a status): programs decide by the code, and the words may change in any release. The
+page has the code as `data-code` of the line, Foxglove as `problem_codes` and `notice_codes`, `radron-sim live --json` as
+`problem_codes`, the agent's log as `code`. A text of a release without codes has none.
+
+This page is generated from `protocol/codes.py`.
+
+| code | told when | what to do |
+|---|---|---|
+{rows}
+"""
 _API = """# Python API
 
 {intro}
@@ -104,6 +119,7 @@ def pages() -> dict[str, str]:
         "scenario.md": _config(_SCENARIO, Scenario, elsewhere={MissionConfig: "mission.md"}),
         "protocol.md": _protocol(),
         "api.md": _api(),
+        "codes.md": _codes(),
         "files.md": files.page(),
     }
 
@@ -161,6 +177,10 @@ def _message(section: fields.Section, level: int) -> str:
 def _enum(kind: type[Enum]) -> str:
     values = ", ".join(f"`{member.value}`" for member in kind)
     return f"### {kind.__name__} {{ #{kind.__name__.lower()} }}\n\n{fields.markdown(kind.__doc__)} One of {values}.\n"
+
+
+def _codes() -> str:
+    return _CODES.replace("{rows}", "\n".join(f"| `{code}` | {code.when} | {code.action} |" for code in Code))
 
 
 def _api() -> str:

@@ -40,6 +40,24 @@ from support.flights.one_pilot import (
     tracking,
 )
 
+<<<<<<< HEAD
+=======
+from radron.agent.config.drone import DroneConfig
+from radron.agent.config.estimators import FusionConfig
+from radron.agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
+from radron.agent.detector.readout import PixelHits, Readout
+from radron.agent.errors import ConfigError
+from radron.agent.pilot import Pilot
+from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
+from radron.protocol.codec import decode_from, encode
+from radron.protocol.codes import Code
+from radron.protocol.entries import Exposure
+from radron.protocol.errors import ProtocolError
+from radron.protocol.keys import key_of
+from radron.protocol.messages import Action, Plan, Pose, Stage, Status
+from radron.protocol.texts import CodedText
+
+>>>>>>> e065443d (Tests and table of the codes of texts)
 
 def test_a_drone_that_is_not_in_the_mission():
     with pytest.raises(ConfigError, match="drone 'd9' is not in the mission; its drones are d1, d2"):
@@ -84,12 +102,17 @@ def test_a_cone_is_in_the_hypothesis_without_waiting_for_the_next_step():
 def test_what_the_shell_reports_is_told_and_only_a_block_stands_against_a_start():
     one = pilot()
     one.observe_vehicle(state(START_NS))
-    one.block(("PX4 says: compass not calibrated",))
-    one.warn(("no peer reached", "x" * 300, "no peer reached"))
+    one.block((CodedText(Code.NOT_READY_TO_ARM, "PX4 says: compass not calibrated"),))
+    one.warn([CodedText(Code.NO_CONTACT, words, "d2") for words in ("no peer reached", "x" * 300, "no peer reached")])
     one.receive(*command(), START_NS)
     assert one.stage is Stage.PREFLIGHT
     (status,) = messages(one.step(START_NS), Status)
     assert status.problems == ("PX4 says: compass not calibrated", "no peer reached", "x" * 256)
+    assert [(text.code, text.about) for text in status.texts.problems] == [
+        ("not-ready-to-arm", None),
+        ("no-contact", "d2"),
+        ("no-contact", "d2"),
+    ]
     one.block(())
     one.receive(*command(stamp_ns=START_NS + 1), START_NS)
     assert one.stage is Stage.TAKEOFF

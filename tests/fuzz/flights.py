@@ -23,9 +23,14 @@ from radron.agent.flight.segment import Segment, segment_path
 from radron.agent.pilot import Pilot
 from radron.agent.vehicle.interface import FlightMode, GnssFix, SeenDrone
 from radron.protocol.codec import encode
+from radron.protocol.codes import Code
 from radron.protocol.keys import key_of
+<<<<<<< HEAD
 from support.flights.one_pilot import MISSION, SECOND, START_NS, command, cone_of, partner, state
 from support.flights.recorded_flights import rewritten
+=======
+from radron.protocol.texts import CodedText
+>>>>>>> e065443d (Tests and table of the codes of texts)
 from tests.fuzz.mutation import broken, broken_text, hostile, mutated
 from tests.fuzz.target import Probe, Target, expect
 
@@ -162,7 +167,7 @@ def _sense(pilot: RecordedPilot, tick: int, now_ns: int) -> None:
         )
     )
     pilot.observe_sightings([SeenDrone(stamp_ns=now_ns, target="d2", range_m=10.0 + tick, range_sigma_m=0.1)])
-    pilot.warn((f"tick {tick}",))
+    pilot.warn((CodedText(Code.NO_CONTACT, f"tick {tick}", "d2"),))
     pilot.block(())
     pilot.log_answer(pilot.log_summary())
     pilot.advance(now_ns)

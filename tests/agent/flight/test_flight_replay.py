@@ -230,7 +230,7 @@ def test_a_record_from_before_statuses_named_the_obeyed_order_comes_out_identica
     trust, drone = authority.trust("d1"), DroneConfig(id="d1")
     header = FlightHeader.of(MISSION, drone, boot, START_NS, trust=trust, nonce_key=b"key")
     former = msgspec.json.decode(msgspec.json.encode(header), type=dict)
-    del former["tells_obeyed"]
+    del former["tells_obeyed"], former["tells_codes"]
     header = msgspec.json.decode(msgspec.json.encode(former), type=FlightHeader)
     operator = SimulatedOperator(authority, MISSION.swarm, MISSION.mission_id)
     with closing(FlightRecorder(tmp_path, 100, header)) as recorder:
@@ -245,7 +245,8 @@ def test_a_record_from_before_statuses_named_the_obeyed_order_comes_out_identica
     records = [record for record in RecordedFlight(tmp_path).records() if record.topic == topics.PUBLICATION]
     statuses = [one for record in records if isinstance(one := decode_from(*topics.decode_message(record.data)), Status)]
     assert statuses[-1].ticket.number > statuses[0].ticket.number
-    assert all(status.obeyed is UNSET for status in statuses)
+    assert all(status.obeyed is UNSET and status.codes is UNSET for status in statuses)
+    assert any(status.problems for status in statuses)
     report = replay(tmp_path)
     assert report.identical
     assert report.compared["out/publication"] >= len(statuses) > 2

@@ -14,6 +14,7 @@ from radron.agent.operator import groundcontrol
 from radron.agent.operator.groundcontrol import CommandError, Order
 from radron.agent.operator.statuses import Statuses, Tickets
 from radron.protocol.codec import decode, encode
+from radron.protocol.codes import Code
 from radron.protocol.elapsed import elapsed_s
 from radron.protocol.identity import Identity, Role
 from radron.protocol.keys import key_of
@@ -21,6 +22,7 @@ from radron.protocol.mesh.link import close_session, open_session
 from radron.protocol.mesh.session import Mesh, MeshConfig
 from radron.protocol.messages import Action, Command, Stage, Status, Ticket
 from radron.protocol.signing import sign_status
+from radron.protocol.texts import CodedText, Texts, coded
 from radron.protocol.trust import trust_of
 from support.live.agents import free_ports
 from support.mesh.identities import DAY_NS, identity, new_issuer
@@ -28,6 +30,7 @@ from support.mesh.meshes import until
 
 MISSION = "0123456789abcdef"
 TELL_S, LISTEN_S = 0.02, 0.6  # how often a stand-in tells its status; how long it is waited for more of them
+NOT_READY = "the vehicle is not ready to be armed"
 STAGES = {Action.START: Stage.TAKEOFF, Action.HOLD: Stage.HOLD, Action.LAND: Stage.LANDING}
 
 
@@ -38,7 +41,7 @@ class Drone:
         self,
         name: str,
         mission: str = MISSION,
-        problems: tuple[str, ...] = (),
+        problems: tuple[CodedText, ...] = (),
         lame: bool = False,
         ahead_s: float = 0.0,
         own: Identity | None = None,
@@ -79,7 +82,8 @@ class Drone:
         while True:
             status = Status(
                 stamp_ns=time.time_ns() + round(self.ahead_s * 1e9), drone=self.name, mission=self.mission, boot="0" * 16,
-                stage=self.stage, problems=self.problems, notices=self.notices,
+                stage=self.stage, problems=tuple(map(str, self.problems)), notices=self.notices,
+                codes=Texts(self.problems, None, coded("", self.notices)).codes,
                 ticket=self.ticket if self.tells_ticket else None,
             )  # fmt: skip
             trust = trust_of(self.own)
@@ -170,7 +174,7 @@ def test_a_command_to_one_drone_leaves_the_others_alone() -> None:
 def test_nobody_starts_while_one_has_a_problem() -> None:
     d1, d2 = (
         Drone("d1"),
-        Drone("d2", problems=("the vehicle is not ready to be armed", "Preflight Fail: heading estimate not stable")),
+        Drone("d2", problems=coded(Code.NOT_READY_TO_ARM, (NOT_READY, "Preflight Fail: heading estimate not stable"))),
     )
     text = refused(Action.START, d1, d2)
     assert "d2: the vehicle is not ready to be armed, Preflight Fail: heading estimate not stable" in text
@@ -179,7 +183,7 @@ def test_nobody_starts_while_one_has_a_problem() -> None:
 
 @pytest.mark.usefixtures("soon_given_up")
 def test_those_that_can_start_anyway_and_the_other_says_why_not() -> None:
-    d1, d2 = Drone("d1"), Drone("d2", problems=("the vehicle is not ready to be armed",), lame=True)
+    d1, d2 = Drone("d1"), Drone("d2", problems=coded(Code.NOT_READY_TO_ARM, [NOT_READY]), lame=True)
     assert refused(Action.START, d1, d2, anyway=True) == "d2: the vehicle is not ready to be armed"
     assert d1.stage is Stage.TAKEOFF
 
@@ -209,7 +213,7 @@ def test_a_drone_of_another_version_is_named_and_prevents_a_start_but_no_landing
 
 
 def test_an_absent_drone_does_not_hold_up_the_others_if_the_operator_says_so() -> None:
-    missed = ("no contact with d3 (tcp/10.0.0.3:7447)",)
+    missed = (CodedText(Code.NO_CONTACT, "no contact with d3 (tcp/10.0.0.3:7447)", "d3"),)
     d1, d2 = Drone("d1", problems=missed), Drone("d2", problems=missed)
     assert "no contact with d3" in refused(Action.START, d1, d2)
     assert order(Action.START, d1, d2, without=("d3",))[-1] == "start: d1 takeoff, d2 takeoff"
@@ -217,13 +221,14 @@ def test_an_absent_drone_does_not_hold_up_the_others_if_the_operator_says_so() -
 
 
 def test_one_that_is_there_but_left_behind_gets_no_command() -> None:
-    d1, d2 = Drone("d1", problems=("d2 has another mission (f, here 0)",)), Drone("d2", mission="f" * 16)
+    differs = CodedText(Code.MISSION_DIFFERS, "d2 has another mission (f, here 0)", "d2")
+    d1, d2 = Drone("d1", problems=(differs,)), Drone("d2", mission="f" * 16)
     assert order(Action.START, d1, d2, without=("d2",))[0] == f"start: to d1, mission {MISSION}"
     assert not d2.commands
 
 
 def test_a_problem_of_a_drone_that_is_to_start_is_one_without_the_absent_too() -> None:
-    d1 = Drone("d1", problems=("no contact with d3 (none)", "no contact with d30 (none)"))
+    d1 = Drone("d1", problems=[CodedText(Code.NO_CONTACT, f"no contact with {name} (none)", name) for name in ("d3", "d30")])
     assert refused(Action.START, d1, without=("d3",)).startswith("not started: d1: no contact with d30 (none) (")
 
 

@@ -9,6 +9,8 @@ import pytest
 from radron.agent.config.drone import DroneConfig, PeerMeshConfig
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.agent.shell.problems import LATE_S, LATE_STEP_S, LateSteps, Problems, no_contact
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 
 
 @pytest.fixture
@@ -18,25 +20,28 @@ def told() -> tuple[Problems, Mock, Mock]:
     return Problems(pilot, log), pilot, log
 
 
+A, B, C, D = (CodedText(Code.COMPUTER_SLOW, words) for words in "abcd")
+
+
 def test_the_pilot_is_told_each_kind_when_it_changes(told: tuple[Problems, Mock, Mock]) -> None:
     problems, pilot, _ = told
     for _ in range(3):
-        problems.tell(["a", None, "b"], [None], ["c"])
-    problems.tell([], [], ["c"])
+        problems.tell([A, None, B], [None], [C])
+    problems.tell([], [], [C])
     assert pilot.mock_calls == [call.warn(("a", "b")), call.notice(("c",)), call.warn(())]
-    problems.tell([], ["d"], ["c"])
+    problems.tell([], [D], [C])
     assert pilot.mock_calls[3:] == [call.block(("d",))]
 
 
 def test_each_is_logged_when_it_begins_and_when_it_is_over(told: tuple[Problems, Mock, Mock]) -> None:
     problems, _, log = told
-    problems.tell(["a", "b"], [], [])
-    problems.tell(["b"], ["a"], [])
+    problems.tell([A, B], [], [])
+    problems.tell([B], [A], [])
     assert log.mock_calls == [
-        call.warning("warning", text="a"),
-        call.warning("warning", text="b"),
-        call.info("warning is over", text="a"),
-        call.warning("problem", text="a"),
+        call.warning("warning", text="a", code="computer-slow"),
+        call.warning("warning", text="b", code="computer-slow"),
+        call.info("warning is over", text="a", code="computer-slow"),
+        call.warning("problem", text="a", code="computer-slow"),
     ]
 
 

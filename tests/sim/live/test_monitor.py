@@ -5,10 +5,12 @@ from __future__ import annotations
 import pytest
 
 from radron.protocol.codec import encode
+from radron.protocol.codes import Code
 from radron.protocol.keys import key_of
 from radron.protocol.message import DroneMessage
 from radron.protocol.messages import Estimate, Source, Stage, Status
 from radron.protocol.signing import Verifier, sign_status
+from radron.protocol.texts import CodedText, Texts, coded
 from radron.sim.live.monitor import Observer
 from radron.sim.lockstep.members import SimulatedAuthority
 from radron.sim.scenario import load_scenario
@@ -31,9 +33,17 @@ def vehicle(armed: bool, failsafe: bool = False) -> VehicleReport:
 
 
 def status(
-    drone: str, stage: Stage = Stage.PREFLIGHT, problems: tuple[str, ...] = (), mission: str = MISSION.mission_id
+    drone: str, stage: Stage = Stage.PREFLIGHT, problems: tuple[CodedText, ...] = (), mission: str = MISSION.mission_id
 ) -> Status:
-    return Status(stamp_ns=1, drone=drone, mission=mission, boot="0" * 16, stage=stage, problems=problems)
+    return Status(
+        stamp_ns=1,
+        drone=drone,
+        mission=mission,
+        boot="0" * 16,
+        stage=stage,
+        problems=tuple(map(str, problems)),
+        codes=Texts(problems).codes,
+    )
 
 
 def estimate(drone: str, x: float, last: str = "0") -> Estimate:
@@ -61,7 +71,12 @@ def observer(clock: Clock) -> Observer:
 def test_it_names_what_each_drone_still_lacks(observer: Observer, clock: Clock) -> None:
     assert observer.obstacles() == [f"{drone}: not in the mesh yet" for drone in ("d1", "d2", "d3")]
     observer.look([vehicle(armed=False)] * 3, NAMES)
-    hear(observer, status("d1"), status("d2", problems=("no compass", "no fix")), status("d3", mission="0" * 16))
+    hear(
+        observer,
+        status("d1"),
+        status("d2", problems=coded(Code.NOT_READY_TO_ARM, ["no compass", "no fix"])),
+        status("d3", mission="0" * 16),
+    )
     assert observer.obstacles() == ["d2: no compass", f"d3: another mission file ({'0' * 16}, here {MISSION.mission_id})"]
     hear(observer, status("d2", stage=Stage.LANDED), status("d3", stage=Stage.TRACK))
     assert observer.obstacles() == ["d3: in track already"]  # a landed drone can be started again
@@ -73,8 +88,8 @@ def test_it_names_what_each_drone_still_lacks(observer: Observer, clock: Clock) 
 
 def test_a_drone_that_comes_later_is_not_waited_for_by_the_others_either(observer: Observer) -> None:
     observer.look([vehicle(armed=False)] * 3, NAMES - {"d3"})
-    missed = "no contact with d3 (tls/127.0.0.1:7449)"
-    hear(observer, status("d1", problems=(missed,)), status("d2", problems=(missed, "no fix")))
+    missed = CodedText(Code.NO_CONTACT, "no contact with d3 (tls/127.0.0.1:7449)", "d3")
+    hear(observer, status("d1", problems=(missed,)), status("d2", problems=(missed, CodedText(Code.NOT_READY_TO_ARM, "no fix"))))
     assert observer.obstacles() == [f"d1: {missed}", f"d2: {missed}", "d3: not in the mesh yet"]
     assert observer.obstacles({"d3"}) == ["d2: no fix"]
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from radron.protocol.codes import Code
 from radron.protocol.messages import Stage
+from radron.protocol.texts import CodedText
 from radron.sim.live.monitor import Belief
 from radron.sim.scenario import load_scenario, override
 from radron.sim.scoring.recorder import Recorder
@@ -35,7 +37,7 @@ class Watched:
 
     def __init__(self):
         self.alive = True
-        self.stage, self.hypothesis, self.outlook, self.finding = Stage.SURVEY, None, None, ""
+        self.stage, self.hypothesis, self.outlook, self.finding = Stage.SURVEY, None, None, None
 
 
 def flown(agent, recorder, seconds):
@@ -56,8 +58,12 @@ def test_without_a_source_the_result_says_what_would_have_been_found():
     agent.outlook = SimpleNamespace(excluded_bq=None, exclusion=None)
     assert not flown(agent, recorder, 1.0).nothing_found
     exclusion = SimpleNamespace(known_bq={"Cs-137": 4e7, "Co-60": 2e7})
-    agent.outlook, agent.finding = SimpleNamespace(excluded_bq=4e7, exclusion=exclusion), "nothing found"
+    agent.outlook, agent.finding = (
+        SimpleNamespace(excluded_bq=4e7, exclusion=exclusion),
+        CodedText(Code.NOTHING_FOUND, "any words"),
+    )
     result = flown(agent, recorder, 2.0)
+    assert (result.finding, result.finding_code) == ("any words", "nothing-found")
     assert (result.nothing_found, result.excluded_bq, result.false_hypothesis) == (True, 4e7, False)
     assert result.excluded_nuclides_bq == {"Cs-137": 4e7, "Co-60": 2e7}
     assert (result.time_to_x0_s, result.error_median_m, result.region) == (None, None, None)

@@ -19,6 +19,8 @@ from radron.agent.flight.recorded import RecordedPilot
 from radron.agent.flight.recorder import FlightRecorder
 from radron.agent.pilot import Pilot
 from radron.agent.vehicle.interface import FlightMode, VehicleState
+from radron.protocol.codes import Code
+from radron.protocol.texts import CodedText
 from radron.sim.lockstep.flight import watched
 from radron.sim.scenario import load_scenario, override
 
@@ -46,7 +48,7 @@ class LockstepPilot(RecordedPilot):
     def step(self, now_ns):
         count = next(self._steps)
         if count % 50 == 0:
-            self.warn((f"step {count}",))
+            self.warn((CodedText(Code.NO_CONTACT, f"step {count}", "d2"),))
             self.block(())
             self.log_answer(b"no summary" if count % 100 else self.log_summary())
         return super().step(now_ns)

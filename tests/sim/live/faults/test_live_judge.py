@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
+from radron.protocol.codes import Code
 from radron.protocol.messages import Pose, Stage, Status
+from radron.protocol.texts import CodedText, Texts
 from radron.sim.faults.machines import Disarm, StreamLost
 from radron.sim.live.faults.judge import Disarmed, LiveJudge, OwnPose, SilentStream, exceptions, heading_rad
 from radron.sim.live.monitor import Belief, ObservedAgent
@@ -100,22 +102,25 @@ def test_a_pose_is_held_against_the_truth_of_its_time_however_late_that_comes() 
 
 
 def test_a_drone_says_what_its_autopilot_does_not_send_any_more() -> None:
-    def told(*problems: str, boot: str = "00000000000000aa", message: str = "GPS_RAW_INT") -> list[str]:
+    def told(*codes: Code, boot: str = "00000000000000aa", message: str = "GPS_RAW_INT") -> list[str]:
         judged = SilentStream(StreamLost(target="d1", at_s=10.0, for_s=8.0, message=message), "d1")
+        problems = [CodedText(code, "any words") for code in codes]
         statuses = [_status(9.5, "00000000000000aa"), *(_status(time_s, boot, *problems) for time_s in (15.9, 17.0, 17.5, 18.5))]
         return [text for each in statuses if (text := judged.check(each.stamp_ns / SECOND, each)) is not None]
 
     (text,) = told()
     assert "GPS_RAW_INT" in text
-    assert len(told("the autopilot is not ready to arm in mode hold: prearm check")) == 1
-    assert told("no satellites: the position is drifting") == []
-    assert told("no local position and no attitude from the autopilot") == []  # more than that
+    assert len(told(Code.NOT_READY_TO_ARM)) == 1
+    assert told(Code.SATELLITES_LOST) == []
+    assert told(Code.AUTOPILOT_DATA_MISSING) == []  # more than that
     assert told(boot="00000000000000bb") == []  # it was started meanwhile
     assert told(message="BATTERY_STATUS") == []  # nothing that it needs
 
 
-def _status(time_s: float, boot: str, *problems: str, drone: str = "d1", stage: Stage = Stage.TRACK) -> Status:
-    return Status(stamp_ns=int(time_s * SECOND), drone=drone, mission="0" * 16, boot=boot, stage=stage, problems=problems)
+def _status(time_s: float, boot: str, *problems: CodedText, drone: str = "d1", stage: Stage = Stage.TRACK) -> Status:
+    words, codes = tuple(map(str, problems)), Texts(problems).codes
+    told = {"mission": "0" * 16, "boot": boot, "stage": stage, "problems": words, "codes": codes}
+    return Status(stamp_ns=int(time_s * SECOND), drone=drone, **told)
 
 
 def test_the_error_of_a_source_estimate_counts_while_drones_search_and_not_on_their_way_home() -> None:
@@ -169,7 +174,7 @@ def _end(drone: str, digest: str, alive: bool) -> AgentEnd:
     counts = {"cones": 0, "setpoints": 0, "computed_setpoints": 0, "largest_gap_s": 0.0, "failsafes": 0}
     return AgentEnd(
         drone=drone, alive=alive, stage=Stage.LANDED, digest=digest, position_m=(1.0, 2.0, 0.0), covariance_m2=None,
-        **counts, truth="world", counters={}, problems=(),
+        **counts, truth="world", counters={}, problems=(), problem_codes=(),
     )  # fmt: skip
 
 

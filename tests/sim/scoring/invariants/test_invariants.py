@@ -7,7 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from radron.agent.vehicle.interface import FlightMode
+from radron.protocol.codes import Code
 from radron.protocol.messages import Stage
+from radron.protocol.texts import CodedText
 from radron.sim.scoring.invariants.base import Setting
 from radron.sim.scoring.invariants.beliefs import Refused, SameLogSameHypothesis, SourceCalibrated, Summarised, TruthPossible
 from radron.sim.scoring.invariants.care import Accused, Impersonated, Memory, Named, Reserve, Told
@@ -309,7 +311,7 @@ def test_sightings_that_keep_the_frame_of_a_drone_right_whose_slam_drifts_leave_
 
 
 def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
-    said = "d2: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
+    said = CodedText(Code.TWO_SOURCES, "any words", "d2")
     pilots = moments.changed(0, moments.pilot(problems=(said,)), moments.pilot)
     for kind, when_s, accused in (("loss", 20.0, True), ("copied-key", 20.0, False), ("copied-key", 60.0, True)):
         fault = {"kind": kind, "at_s": 10.0, "for_s": 20.0, "target": "d2"} | ({"probability": 0.1} if kind == "loss" else {})
@@ -322,7 +324,7 @@ def test_a_drone_that_is_one_is_not_said_to_be_two() -> None:
 def unnamed(named_s, *, seconds=5.0, gone=""):
     """Drones that do not name d2, its key copied at 10 s; d1 and d3 name it from ``named_s`` on. ``gone``: has no agent."""
     invariant = Impersonated(moments.setting({"kind": "copied-key", "at_s": 10.0, "for_s": 20.0, "target": "d2"}))
-    said, found = "d2: two sources send under its id (a copied key, or an agent started twice); both are kept clear of", []
+    said, found = CodedText(Code.TWO_SOURCES, "any words", "d2"), []
     for time_s in np.arange(9.0, 10.0 + seconds, 0.05):
         named = (said,) if time_s >= named_s else ()
         pilots = [None if name == gone else moments.pilot(problems=named) for name in ("d1", "d2", "d3")]
@@ -397,8 +399,8 @@ def test_a_log_that_tells_others_that_it_holds_what_it_lacks() -> None:
 )
 def test_a_camera_that_sees_nothing_new_of_which_nobody_is_told(kind) -> None:
     blind = {"at_s": 5.0, "target": "d2", **kind}
-    noisy = "camera: 12 noisy pixels masked", "the camera's spectrum is that of Co-60"
-    useless = "camera: no hit for 10 s or more, not even background; its counts are not used"
+    noisy = CodedText(Code.CAMERA_NOISY, "any words"), CodedText(Code.NUCLIDE_OTHER, "any words")
+    useless = CodedText(Code.CAMERA_BLIND, "any words")
     for problems, expected in (((), [("d2",)]), (noisy, [("d2",)]), ((*noisy, useless), [])):
         pilots = moments.changed(1, moments.pilot(problems=problems), moments.pilot)
         seen = [moments.moment(time_s, pilots=pilots) for time_s in (4.0, 20.0, 29.0, 31.0)]
