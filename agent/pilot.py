@@ -34,6 +34,7 @@ from radron.agent.mission.orders import Orders
 from radron.agent.mission.problems import Problems
 from radron.agent.mission.reporter import Outbox
 from radron.agent.mission.revoking import Revoking
+from radron.agent.mission.rules import PRESENT, Rules
 from radron.agent.mission.telling import Telling
 from radron.agent.mission.worldmodel import WorldModel
 from radron.agent.navigation.peers.newest import Peers
@@ -79,9 +80,7 @@ class Pilot:
         *,
         nonce_key: bytes,
         computing: Computing = ALONE,
-        tells_obeyed: bool = True,
-        tells_codes: bool = True,
-        judges_exposures: bool = True,
+        rules: Rules = PRESENT,
     ) -> None:
         """Set up the pilot program of one drone.
 
@@ -95,9 +94,7 @@ class Pilot:
             nonce_key: 16 random bytes, new at every start of the agent: from them follow the nonces (random numbers) that
                 commands need.
             computing: computations that depend on their inputs alone.
-            tells_obeyed: whether the drone's statuses name the order obeyed last; False in the replay of an older record.
-            tells_codes: whether the statuses have codes of their texts; False in the replay of an older record.
-            judges_exposures: whether exposures that overlap or are too long do not count; False in the replay of an older record.
+            rules: those of the release that wrote a record, for its replay.
 
         Raises:
             ConfigError: the mission does not contain the drone, or has it with another kind of detector.
@@ -107,7 +104,7 @@ class Pilot:
         self._swarm, self._mission_id, self._id, self._boot = mission.swarm, mission.mission_id, drone.id, boot
         self._read, self.counters = computing.read, Counter[str]()
         estimators, frame_estimates = computing.estimators, computing.frame_estimates
-        self._world = WorldModel(mission, listeners, estimators, frame_estimates, judges_exposures=judges_exposures)
+        self._world = WorldModel(mission, listeners, estimators, frame_estimates, judges_exposures=rules.judges_exposures)
         others, epoch_offset = [name for name in ids if name != drone.id], memory.epoch_offset if memory is not None else 0
         self._clocks = Clocks(drone.id, others)
         self._utc = utc = self._clocks.utc
@@ -122,7 +119,7 @@ class Pilot:
         self._executive = Executive(mission, drone, self._world, self._own, self.counters, memory, self._clocks)
         self._problems = Problems(drone.id, self._mission_id, mission.safety.battery_reserve)
         verifier = Verifier(trust.authority, trust.revoked, computing.signed_root) if trust is not None else None
-        self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier, utc, tells_obeyed)
+        self._orders = Orders(drone.id, self._mission_id, nonce_key, verifier, utc, rules.tells_obeyed)
         parts = self._executive, self._problems, self._own, self._peers, self.counters
         self._commanding = Commanding(self._mission_id, self._orders, *parts, utc)
         affected = self._world, self._executive, self._peers, self._problems, self.counters
@@ -133,18 +130,8 @@ class Pilot:
         judged_by = self._peers, self._clocks, self._proofs, self._revoking, self._problems, self._outbox.sent
         self._news = News(drone.id, boot, *judged_by)
         seen = self._problems, self._world, self._own, self._clocks, self._detector, self._peers, self._proofs, self._executive
-        self._telling = Telling(
-            mission,
-            drone.id,
-            boot,
-            self._outbox,
-            self.counters,
-            self._orders,
-            self._commanding,
-            self._revoking,
-            *seen,
-            tells_codes=tells_codes,
-        )
+        told = mission, drone.id, boot, self._outbox, self.counters, self._orders, self._commanding, self._revoking
+        self._telling = Telling(*told, *seen, tells_codes=rules.tells_codes)
 
     def observe_clock(self, ahead_ns: int, now_ns: int) -> None:
         """Take the time (ns) by which UTC, by the computer's clock, is ahead of the agent's own time, which never jumps.

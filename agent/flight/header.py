@@ -17,6 +17,7 @@ from radron.agent.errors import ConfigError, FlightRecordError
 from radron.agent.fusion.countstables import tables_version
 from radron.agent.fusion.registry import deferred_named, estimator_named
 from radron.agent.mission.memory import Memory
+from radron.agent.mission.rules import Rules
 from radron.agent.mission.uploads import Origin
 from radron.agent.pilot import Pilot
 from radron.protocol.signing import Trust
@@ -49,11 +50,9 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
     packages used. ``protocol``: version of the messages. ``certificate``: of the drone (DER), empty in a swarm without
     certificates; ``authority``: certificate of the swarm's authority (PEM). ``nonce_key``: key of this run's nonces (numbers that
     commands must carry); worthless once the run has ended. ``origin``: of a mission that an operator has uploaded; None: the
-    mission is from the mission file. ``deferred``: whether a slow estimator was computed in another process. ``tells_obeyed``:
-    whether the statuses state the last order obeyed; in older records they do not. ``tells_codes``: whether the statuses have
-    codes of their texts. ``judges_exposures``: whether exposures that
-    overlap or are too long do not count; in older records they did. ``tables``: version of the tables of a camera's counts; empty
-    in older records.
+    mission is from the mission file. ``deferred``: whether a slow estimator was computed in another process. ``tells_obeyed``,
+    ``tells_codes``, ``judges_exposures``: see ``Rules``; False in older records. ``tables``: version of the tables of a camera's
+    counts; empty in older records.
     """
 
     mission: MissionConfig
@@ -144,9 +143,7 @@ class FlightHeader(Struct, frozen=True, kw_only=True):
             *inputs,
             nonce_key=self.nonce_key,
             computing=computing,
-            tells_obeyed=self.tells_obeyed,
-            tells_codes=self.tells_codes,
-            judges_exposures=self.judges_exposures,
+            rules=Rules(self.tells_obeyed, self.tells_codes, self.judges_exposures),
         )
 
 

@@ -26,9 +26,13 @@ def test_each_change_is_told_once():
     heard = {"stage": "takeoff", "stale": False, "age_s": 0.1}
     assert told(events, frame(1, **heard)) == [("stage", "d1", "takeoff"), ("heard", "d1")]
     assert told(events, frame(2, **heard)) == []
-    assert told(events, frame(3, **heard, problems=("no camera",))) == [("problem", "d1", "no camera")]
-    assert told(events, frame(4, **heard, problems=("no camera",), source=SOURCE)) == [("source found",)]
-    assert told(events, frame(5, **heard)) == [("problem over", "d1", "no camera"), ("source given up",)]
+    assert told(events, frame(3, **heard, problems=("no camera",), problem_codes=("camera-missing",))) == [
+        ("problem", "d1", "no camera", "camera-missing")
+    ]
+    assert told(events, frame(4, **heard, problems=("no camera",), problem_codes=("camera-missing",), source=SOURCE)) == [
+        ("source found",)
+    ]
+    assert told(events, frame(5, **heard)) == [("problem over", "d1", "no camera", "camera-missing"), ("source given up",)]
     assert told(events, frame(6, **heard | {"stale": True}, finding="nothing")) == [("silent", "d1"), ("finding", "nothing")]
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec import inspect
 
 from radron.protocol.entries import CarriedFrame, Cone, Exposure, Retraction, Sighting
-from radron.protocol.messages import KINDS, AnyMessage, Frame, Plan, Source
+from radron.protocol.messages import KINDS, AnyMessage, Frame, Plan, Source, Status
 
 UNIT_BOUND = 1.000001  # of the components of unit vectors and quaternions
 
@@ -119,6 +119,15 @@ def _unsure_source(values: dict[str, Any]) -> dict[str, Any]:
     return {**values, "covariance_m2": (xx, xy, xz, yy, yz, zz)}
 
 
+def _labelled(values: dict[str, Any]) -> dict[str, Any]:
+    """A status with as many codes as texts."""
+    codes, lists = values["codes"], ("problems", "notices")
+    counts = {name: min(len(values[name]), len(getattr(codes, name))) for name in lists}
+    codes = msgspec.structs.replace(codes, **{name: getattr(codes, name)[: counts[name]] for name in lists})
+    finding = "" if codes.finding is None else values["finding"] or "nothing found"
+    return {**values, **{name: values[name][: counts[name]] for name in lists}, "finding": finding, "codes": codes}
+
+
 CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
     CarriedFrame: _carried_frame,
     Cone: _shared,
@@ -128,6 +137,7 @@ CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
     Retraction: _of_before,
     Sighting: _of_another,
     Source: _unsure_source,
+    Status: _labelled,
 }
 
 
