@@ -115,6 +115,11 @@ class Code(StrEnum):
     CAMERA_NOISY = "camera-noisy", "Noisy pixels are masked.", "Fly on; calibrate it if there are many."
     CAMERA_DEAD_BLOCKS = "camera-dead-blocks", "Parts of the sensor see nothing.", "Its counts are low: calibrate the camera."
     CAMERA_GAIN = "camera-gain", "The energy scale has drifted, and is corrected.", "Fly on; calibrate it after the flight."
+    DETECTOR_UNUSABLE = (
+        "detector-unusable",
+        "Readouts of a detector cannot be used.",
+        "Read the reason; check detector and drone file.",
+    )
     NUCLIDE_OTHER = "nuclide-other", "The spectrum is that of another nuclide.", "Upload a mission with this nuclide."
     LINES_UNKNOWN = (
         "lines-unknown",

@@ -145,7 +145,9 @@ class Observer:
         """Problems of the camera: a line if it has not seen a hit for long, else empty."""
         if self._silent_s < self._patience * SILENT_S:
             return ()
-        text = f"{self._subject}: no hit for {self._patience * SILENT_S:g} s or more, not even background; its counts are not used"
+        text = (
+            f"{self._subject}: no hit for {self._patience * SILENT_S:g} s or more, not even background; its counts are not used"
+        )
         return (CodedText(Code.CAMERA_BLIND, text),)
 
     def observe(self, detections: Detections) -> list[Entry]:

@@ -11,8 +11,10 @@ from radron.agent.detector.channels import Channels
 from radron.agent.detector.readout import Readout
 from radron.agent.errors import DetectorError
 from radron.agent.sensing.observer import Observer
+from radron.protocol.codes import Code
 from radron.protocol.entries import Entry
 from radron.protocol.messages import Recognised
+from radron.protocol.texts import CodedText
 
 _SILENT_NS = 10_000_000_000  # readouts come every second or more often
 MIN_LIVE_SHARE = 0.1  # of an interval; below, the rate follows from a small rest of it, and is not used
@@ -30,11 +32,12 @@ class Spectrometer:
         self._newest_ns: int | None = None  # end of its last readout
         self._flaw: str | None = None
 
-    def problems(self, now_ns: int) -> tuple[str, ...]:
+    def problems(self, now_ns: int) -> tuple[CodedText, ...]:
         """Return problems of the detector, one line each."""
         silent = self._newest_ns is not None and now_ns - self._newest_ns > _SILENT_NS
-        told = ("detector: it delivers nothing any more",) if silent else ()
-        return (*told, *(() if self._flaw is None else (f"detector: {self._flaw}",)), *self._observer.problems)
+        told = [CodedText(Code.CAMERA_SILENT, "detector: it delivers nothing any more")] if silent else []
+        flaws = [] if self._flaw is None else [CodedText(Code.DETECTOR_UNUSABLE, f"detector: {self._flaw}")]
+        return (*told, *flaws, *self._observer.problems)
 
     def observe(self, readout: Readout) -> Sequence[Entry]:
         """Return the log entries that follow from a readout; an unusable one is counted, told and dropped."""

@@ -18,10 +18,12 @@ from radron.agent.errors import ConfigError
 from radron.agent.pilot import Pilot
 from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
 from radron.protocol.codec import decode_from, encode
+from radron.protocol.codes import Code
 from radron.protocol.entries import Exposure
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import key_of
 from radron.protocol.messages import Action, Plan, Pose, Stage, Status
+from radron.protocol.texts import CodedText
 from support.flights import schema_messages
 from support.flights.one_pilot import (
     AREA,
@@ -40,24 +42,6 @@ from support.flights.one_pilot import (
     tracking,
 )
 
-<<<<<<< HEAD
-=======
-from radron.agent.config.drone import DroneConfig
-from radron.agent.config.estimators import FusionConfig
-from radron.agent.config.mission import DroneInMission, MissionConfig, SurveyConfig
-from radron.agent.detector.readout import PixelHits, Readout
-from radron.agent.errors import ConfigError
-from radron.agent.pilot import Pilot
-from radron.agent.vehicle.interface import FlightMode, Request, VehicleCommand
-from radron.protocol.codec import decode_from, encode
-from radron.protocol.codes import Code
-from radron.protocol.entries import Exposure
-from radron.protocol.errors import ProtocolError
-from radron.protocol.keys import key_of
-from radron.protocol.messages import Action, Plan, Pose, Stage, Status
-from radron.protocol.texts import CodedText
-
->>>>>>> e065443d (Tests and table of the codes of texts)
 
 def test_a_drone_that_is_not_in_the_mission():
     with pytest.raises(ConfigError, match="drone 'd9' is not in the mission; its drones are d1, d2"):

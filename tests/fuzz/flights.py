@@ -25,12 +25,9 @@ from radron.agent.vehicle.interface import FlightMode, GnssFix, SeenDrone
 from radron.protocol.codec import encode
 from radron.protocol.codes import Code
 from radron.protocol.keys import key_of
-<<<<<<< HEAD
+from radron.protocol.texts import CodedText
 from support.flights.one_pilot import MISSION, SECOND, START_NS, command, cone_of, partner, state
 from support.flights.recorded_flights import rewritten
-=======
-from radron.protocol.texts import CodedText
->>>>>>> e065443d (Tests and table of the codes of texts)
 from tests.fuzz.mutation import broken, broken_text, hostile, mutated
 from tests.fuzz.target import Probe, Target, expect
 

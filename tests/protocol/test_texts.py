@@ -10,10 +10,8 @@ from pathlib import Path
 
 import msgpack
 import pytest
-from members import AUTHORITY
 from msgspec import UNSET
 from msgspec.structs import replace
-from one_pilot import MISSION, START_NS, pilot
 
 from radron.protocol.codec import MAX_PAYLOAD_BYTES, decode, encode
 from radron.protocol.codes import Code
@@ -22,6 +20,8 @@ from radron.protocol.keys import key_of
 from radron.protocol.messages import Stage, Status
 from radron.protocol.signing import Verifier, sign_status
 from radron.protocol.texts import MAX_NOTICES, MAX_PROBLEMS, MAX_TEXT, CodedText, Texts, sendable
+from support.flights.members import AUTHORITY
+from support.flights.one_pilot import MISSION, START_NS, pilot
 
 ROOT = Path(__file__).parents[2]
 MAX_ACTION_WORDS = 15  # of a line on a card for the operator
