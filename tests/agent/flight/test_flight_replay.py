@@ -24,7 +24,9 @@ from radron.agent.flight.recorder import FlightRecorder
 from radron.agent.flight.replay import replay
 from radron.agent.mission.commanding import Verdict
 from radron.protocol.codec import decode_from
+from radron.protocol.codes import Code
 from radron.protocol.messages import Action, Status
+from radron.protocol.texts import CodedText
 from radron.sim.lockstep.members import SimulatedAuthority, SimulatedOperator
 from support import PATH
 from support.flights import recorded_flights
@@ -235,6 +237,7 @@ def test_a_record_from_before_statuses_named_the_obeyed_order_comes_out_identica
     operator = SimulatedOperator(authority, MISSION.swarm, MISSION.mission_id)
     with closing(FlightRecorder(tmp_path, 100, header)) as recorder:
         pilot = RecordedPilot(header.pilot(tmp_path, trust), recorder)
+        pilot.warn((CodedText(Code.NO_CONTACT, "no contact with d2 (none)", "d2"),))
         for tick in range(50):
             now_ns = START_NS + tick * TICK_NS
             pilot.observe_vehicle(state(now_ns, armed=tick > 20))
