@@ -126,7 +126,7 @@ def _named(flight: RecordedFlight, begin_s: float) -> str:
             status = decode_from(drone_key(flight.header.mission.swarm, flight.header.drone.id, kind), payload)
             assert isinstance(status, Status)
             after_s = record.publish_ns * 1e-9 - begin_s
-            new = [one for one in status.problems if one.startswith("d2") and one not in told]
+            new = [str(one) for one in status.texts.problems if one.about == "d2" and one not in told]
             if new and after_s > 0.0:
                 return f"{after_s:.1f} s ({new[0]})"
             told.update(new)

@@ -33,6 +33,7 @@ from radron.agent.pilot import Pilot
 from radron.agent.sensing.camera import Camera
 from radron.agent.sensing.observer import Observer
 from radron.protocol.codec import encode
+from radron.protocol.codes import Code
 from radron.protocol.entries import Entry, Exposure
 from radron.sim.faults.cameras import amplified
 from radron.sim.lockstep.flight import watched
@@ -67,7 +68,7 @@ class DriftingPilot(Pilot):
         """As ``Pilot``; by both cameras."""
         time_s = 1e-9 * (readout.end_ns - EPOCH_NS)
         self.entries += self.second.observe(replace(readout, hits=amplified(readout.hits, 1.0 + rise(time_s), CALIBRATION)))
-        if np.isnan(self.told_s) and any("camera: gain" in problem for problem in self.second.problems(readout.end_ns)):
+        if np.isnan(self.told_s) and any(problem.code == Code.CAMERA_GAIN for problem in self.second.problems(readout.end_ns)):
             self.told_s = time_s
         return super().observe_detector(readout)
 

@@ -92,7 +92,12 @@ def command(action=Action.START, mission=MISSION, stamp_ns=START_NS, drones=("d1
 
 
 def messages(step, kind):
+    """The published messages of a kind; every text of a status has a code."""
     found = [decode_from(key, payload) for key, payload in step.publications]
+    texts = [message.texts for message in found if isinstance(message, Status)]
+    assert all(
+        text.code for problems, finding, notices in texts for text in (*problems, *([finding] if finding else []), *notices)
+    )
     return [message for message in found if isinstance(message, kind)]
 
 
