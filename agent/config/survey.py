@@ -10,7 +10,6 @@ from radron.agent.config.section import Activity, Positive, Section
 from radron.agent.errors import ConfigError
 
 
-
 class SurveyConfig(Section, frozen=True, kw_only=True):
     """The flight in search of a source, before there is a first source estimate (the hypothesis).
 
