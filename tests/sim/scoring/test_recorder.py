@@ -22,7 +22,7 @@ SOURCES = (Source("Cs-137", 3e9, (0.0, 0.0, 0.0)),)
 @pytest.mark.parametrize("duration_s", [60.0, 500.0])
 def test_a_drone_that_never_lands_ends_no_run(stage, duration_s):
     scenario = override(load_scenario("paper-demo"), {"mission.track.duration_s": duration_s, "end.search_s": 100.0, "drones": 1})
-    pilot = SimpleNamespace(alive=True, stage=Stage.SURVEY, hypothesis=Belief(np.zeros(3), np.eye(3)), outlook=None, finding="")
+    pilot = SimpleNamespace(alive=True, stage=Stage.SURVEY, hypothesis=Belief(np.zeros(3), np.eye(3)), outlook=None, finding=None)
     recorder = Recorder(scenario, [pilot], LocalFrames([((0.0, 0.0, 0.0), 0.0)]), 0.05)
     position, velocity = np.array([[0.0, 0.0, 3.0]]), np.zeros((1, 3))
     assert not recorder.sample(1.0, position, velocity, SOURCES)
