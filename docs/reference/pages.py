@@ -18,7 +18,6 @@ from radron.agent.config.drone import DroneConfig
 from radron.agent.config.mission import MissionConfig
 from radron.deploy.fleet.config import FleetConfig
 from radron.protocol import codec, contamination, keys, messages, summary
-from radron.protocol import codec, keys, messages, summary
 from radron.protocol.codes import Code
 from radron.sim import api
 from radron.sim.result import ConeTrace, RunResult, Trace
