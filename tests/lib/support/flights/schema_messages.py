@@ -61,14 +61,14 @@ def normalised(vector: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _ordered(values: dict[str, Any]) -> dict[str, Any]:
-    """An exposure that ends after its beginning, with its poses in order inside of it, and its spectrum in order."""
+    """An exposure that ends after its beginning, with its poses and its spectrum in order, and its counts in channels."""
     poses = sorted({pose.offset_ns: pose for pose in values["poses"]}.values(), key=lambda pose: pose.offset_ns)
     stamp = min(values["stamp_ns"], 2**63 - 1 - 120_000_000_000)
     duration = max(poses[-1].offset_ns, 1)
     live = min(values["live_time_s"], duration * 1e-9)
     bins = sorted({one.place: one for one in values["spectrum"]}.values(), key=lambda one: one.place)
     placed = {"stamp_ns": stamp, "end_ns": stamp + duration, "poses": tuple(poses), "live_time_s": live}
-    return {**values, **placed, "spectrum": tuple(bins)}
+    return {**values, **placed, "spectrum": tuple(bins), "bins": (values["counts"].hits,)}
 
 
 def _shared(values: dict[str, Any]) -> dict[str, Any]:
