@@ -70,7 +70,7 @@ def test_effective_areas_at_662_kev(name: str, anything: float, peak: float) -> 
 
 
 def test_geiger_tube_counts_as_the_maker_states() -> None:
-    """SBM-20: 60 to 75 counts per microroentgen, of 2,820 photons of 662 keV per cm2: 0.021 to 0.027 cm2. The tube's transport is
+    """SBM-20: 60 to 70 counts per microroentgen, of 2,820 photons of 662 keV per cm2: 0.021 to 0.025 cm2. The tube's transport is
     good to about 30 %."""
     table = table_of("gm-sbm20")
     area = Response(table).areas_cm2(np.array([661.657]), np.array([90.0, 45.0, 0.0]))
