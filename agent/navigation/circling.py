@@ -1,4 +1,4 @@
-"""Circle around the source: its centre, radius and height, and the reference of one drone on it, in its own local frame."""
+"""Circle of one drone around the source: centre, radius and height, and the reference on it, in the drone's local frame."""
 
 from __future__ import annotations
 
@@ -26,11 +26,14 @@ from radron.agent.navigation.unheard.sharing import ROOM_M, SharedCircle
 from radron.protocol.messages import Stage
 from radron.protocol.stages import CIRCLING
 
-_SPEED_SHARE = 0.85  # of the limit, for the speeds of circle and source together
+_SPEED_SHARE = 0.85  # share of the speed limit for the speed on the circle and that of the source together
 
 
 class Circling:
-    """Circle of one drone, shared with the peers it hears."""
+    """Circle of one drone around the source, shared with the peers that it hears.
+
+    In all methods, ``absence``: the missing drones, and the consequences for this one; None: no drone is missing.
+    """
 
     def __init__(self, mission: MissionConfig, drone: str, ground: OwnGround) -> None:
         """``drone``: the own id."""
@@ -47,7 +50,7 @@ class Circling:
         self._shared.begin()
 
     def centre(self, moment: Moment, frame: LocalFrame | None) -> Centre | None:
-        """Centre of the circle; None without a hypothesis, or while the local frame is not known."""
+        """Return the centre of the circle; None without a source estimate, or while the local frame (``frame``) is not known."""
         hypothesis = moment.hypothesis
         if hypothesis is None or frame is None:
             return None
@@ -59,14 +62,16 @@ class Circling:
         return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)), ((x, y), (u, v)))
 
     def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
-        """Circle of a tracking drone, mission frame; None outside of tracking."""
+        """Return the present circle of this drone, mission frame; None if it does not track, or without a ``centre``."""
         if centre is None or moment.stage not in CIRCLING:
             return None
         radius_m = self._orbit.radius_m if self._fits(moment) else self._config.encirclement.radius_m
         return Circle(*centre.in_mission, radius_m, self._config.encirclement.speed_mps)
 
     def has_room(self, moment: Moment, centre: Centre | None, absence: Absence | None) -> bool:
-        """Whether the own circle while links are lost lies inside the fence, or is not in use."""
+        """Whether the circle of this drone while drones are missing lies inside the fence. True if no drone is missing, or this
+        one does not track.
+        """
         circle = self.circle(moment, centre)
         return circle is None or self._shared.has_room(absence, circle.centre, self._fits(moment))
 
@@ -80,11 +85,11 @@ class Circling:
         absence: Absence | None,
         others: Sequence[PeerPlan],
     ) -> tuple[Reference, list[PeerPlan]]:
-        """Return the reference, and the places on the circle that stay free for missing drones.
+        """Return the reference on the circle from ``state`` on, and, as obstacles, the missing drones whose places on the circle
+        stay free.
 
-        With a posterior and the smooth law: a circle around the hypothesis, as narrow as the posterior allows.
-
-        Otherwise the configured circle, widening during reacquisition. Arguments as of ``Guidance.reference``.
+        With the law ``smooth`` and an estimator that gives a posterior, the circle is as narrow as the posterior allows.
+        Otherwise it is the configured one, and widens while the source is searched again. Arguments as of ``Guidance.reference``.
         """
         x, y, _ = centre.position
         far_m = hypot(state.position[0] - x, state.position[1] - y)
@@ -112,7 +117,7 @@ class Circling:
         return reference, kept
 
     def hover(self, moment: Moment, state: PeerState, centre: Centre, absence: Absence | None, z_m: float) -> Reference:
-        """Return a hold at that height, at the nearest point of the circle."""
+        """Return a hold at the nearest point of the circle, at the local height ``z_m``."""
         (x, y, _), (cx, cy, _) = state.position, centre.position
         ring_m, _ = self._shared.course(absence, hypot(x - cx, y - cy), moment.vehicle.height_m, self._fits(moment))
         radius_m, _ = self._size_m(moment, absence, ring_m)
@@ -120,10 +125,10 @@ class Circling:
 
     @staticmethod
     def _still(state: PeerState, centre: Centre, radius_m: float, z_m: float) -> Reference:
-        """Return a hold at the nearest point of a circle, at a height.
+        """Return a hold at the nearest point of a circle with this radius, at the local height ``z_m``.
 
-        A climb before a crossing is on the spot. On its way to a place on the circle, the drone would fly low and fast past
-        hovering drones without a link.
+        A drone climbs there before a crossing, and not at its place between the others on the circle: on its way there it would
+        fly low and fast past hovering drones without a link to it.
         """
         (x, y, _), (cx, cy, _) = state.position, centre.position
         angle = atan2(y - cy, x - cx)
@@ -140,8 +145,11 @@ class Circling:
         climbs: bool,
         has_room: bool,
     ) -> list[PeerPlan]:
-        """Return the circles of missing drones, and the middle of the circle (``SharedCircle``), while this drone circles, or
-        ``climbs`` before it crosses. They are nearest to its plan ``ahead`` (K, 3).
+        """Return, as obstacles, the neighbouring circles that missing drones may fly, and the middle of the own circle while
+        vehicles may hover on it (``SharedCircle.others``, ``middle``). Empty if this drone neither tracks nor ``climbs``.
+
+        ``ahead``: returns this drone's planned positions (K, 3), local frame; ``climbs``: it climbs on the spot before its way
+        home; ``has_room``: its circle lies inside the fence.
         """
         circle = self.circle(moment, centre)
         if absence is None or centre is None or (circle is None and not climbs):
@@ -153,7 +161,9 @@ class Circling:
         return found + self._shared.others(absence, now_ns, at, way, STEP_S, fits, climbs=climbs)
 
     def _size_m(self, moment: Moment, absence: Absence | None, ring_m: float | None) -> tuple[float, float]:
-        """Radius, and height above ground. ``ring_m``: the radius that keeps clear of missing drones, if there are any."""
+        """Return radius and height (m) above the ground of the circle. ``ring_m``: the radius while drones are missing, else
+        None.
+        """
         config, hypothesis = self._config.encirclement, moment.hypothesis
         lift_m, lost = self._shared.lift_m(absence), moment.stage is Stage.REACQUIRE
         if self._fits(moment) and hypothesis is not None:
@@ -164,7 +174,9 @@ class Circling:
         return widened_m if ring_m is None else ring_m, config.height_m + lift_m
 
     def _doubt_m(self, moment: Moment, partners: dict[str, PeerPlan], deviation_m: float) -> float:
-        """Return the increase of the spacing on the circle by uncertainty."""
+        """Return by how much (m) the drones on the circle keep more distance, because of position uncertainty and deviations from
+        plans.
+        """
         widest_m = max((margin_m(deviation_m, plan.deviation_m) for plan in partners.values()), default=0.0)
         doubt_m = max(0.0, widest_m - LEAST_MARGIN_M)
         if self._fits(moment):
@@ -172,13 +184,17 @@ class Circling:
         return doubt_m
 
     def _least_m(self, moment: Moment, source: Hypothesis, absence: Absence | None) -> float:
-        """Height above ground for the second half of a turn, without missing drones: network components differ in height."""
+        """Return the least height (m) above the ground: greater in the second half of each turn around a source of unknown
+        height. 0 otherwise, and while drones are missing, because then the heights separate the network components.
+        """
         if self._second_m is None or absence is not None or moment.stage is not Stage.TRACK:
             return 0.0
         return self._second_m if is_in_second_half(source, self._config) else 0.0
 
     def _fits(self, moment: Moment) -> bool:
-        """Whether the circle's radius follows the hypothesis' accuracy."""
+        """Whether the circle's radius follows the accuracy of the source estimate: law ``smooth``, and an estimator that gives
+        it.
+        """
         return (
             self._config.encirclement.law == "smooth" and moment.hypothesis is not None and moment.hypothesis.evidence is not None
         )

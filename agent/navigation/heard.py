@@ -1,18 +1,18 @@
 """Position of a heard drone in this drone's local frame, and its alternative positions.
 
-A heard drone with an unknown frame is never left out. Its position comes from the best of these sources:
+A heard drone is kept clear of even if its frame is not known. Its position comes from the best of these sources:
 
-1. its frame is known exactly: its poses and plans;
-2. its frame is estimated: the same, corrected by this drone's sightings, which give the relative position better than two frame
-   estimates; sightings alone if a wrong heading leaves nothing to correct;
-3. its localisation has jumped: a frame that continues its motion (``carried_on``), until the log yields a better one; after a
-   restart of this agent: the stored frame, likewise;
-4. its frame, or the own one, is not known: this drone's sightings alone;
-5. no sightings either, but near its launch place: the mission's launch layout.
+1. Its frame is known exactly: its poses and plans.
+2. Its frame is estimated: the same, corrected by this drone's sightings, which give the relative position better than two frame
+   estimates do. Sightings alone if they contradict the frame, as with a wrong heading.
+3. Its localisation has jumped: a frame in which its vehicle has moved on without a jump (``carried_on``), until the log gives a
+   better one. After a restart of this agent: the stored frame, likewise.
+4. Its frame, or the own one, is not known: this drone's sightings alone.
+5. No sightings either, but it is near its launch place: the mission's launch layout.
 
-A drone follows its plan only while its agent steers it, as its poses state, and while its poses agree with the plan. A deviation
-beyond the margin of separation means other control. Such a drone is placed by its pose, like a drone that no longer publishes
-plans, and never gives way.
+A drone is expected to follow its plan only while its poses state that its agent steers it, and while they agree with the plan. A
+deviation beyond the margin of separation means that something else flies it. Then its position is predicted by its pose, like
+that of a drone that publishes no more plans, and it is assumed to give no way.
 """
 
 from __future__ import annotations
@@ -52,13 +52,14 @@ from radron.agent.navigation.peers.theirframes import TheirFrames
 from radron.protocol.messages import Pose
 from radron.protocol.stages import MAY_TAKE_PART, TAKING_PART
 
-NEAR_LAUNCH_M = 15.0  # up to this distance the layout still locates a drone in wait near its launch place
+NEAR_LAUNCH_M = 15.0  # up to this distance from its launch place the launch layout still gives the position of a waiting drone
 
 
 class Other(Struct, frozen=True):
-    """Another drone with a link, now or before: its id, its last messages, and its newest pose.
+    """Another drone that has been heard: its id, its newest messages, and its newest pose.
 
-    ``mission_from_theirs``: its local frame, of the epoch of that pose; None while it is not known.
+    ``mission_from_theirs``: transform from its local frame, of the epoch of that pose, to the mission frame; None while it is not
+    known.
     """
 
     name: str
@@ -78,14 +79,14 @@ class Other(Struct, frozen=True):
 
 
 class Heard:
-    """Positions of heard drones, as plans to keep clear of."""
+    """Positions of heard drones, as obstacles (``PeerPlan``). In all methods, ``me``: state of this drone."""
 
     def __init__(self, mission: MissionConfig, frames: TheirFrames, following: Following) -> None:
         self._members = {member.id: member for member in mission.drones}
         self._frames, self._following = frames, following
 
     def by_frames(self, other: Other, me: Self) -> PeerPlan | None:
-        """Return the position by its frame and the own one, and by sightings; None while either frame is not known."""
+        """Return the obstacle by the frames of both drones, and by sightings; None while either frame is not known."""
         theirs, mine = other.mission_from_theirs, me.local_from_mission
         if theirs is None or mine is None:
             return None
@@ -95,13 +96,13 @@ class Heard:
         return self._by_estimated_frames(other, theirs, mine, me)
 
     def without_frames(self, other: Other, me: Self) -> PeerPlan | None:
-        """Return the position by sightings alone, or else by the launch layout; None without either."""
+        """Return the obstacle by sightings alone, or else by the launch layout; None if neither gives a position."""
         seen = placed_by_sightings(other.name, other.peer.sightings, speed_of_mps(other.pose), me.epoch, me.now_ns)
         return seen or self._by_layout(other, me)
 
     def elsewhere(self, other: Other, me: Self) -> Iterator[PeerPlan]:
-        """Return alternative positions, from three sources: its localisation after a jump, other stories under its id, and a plan
-        that its poses contradict.
+        """Return its alternative positions as obstacles: by its localisation after a jump, by the poses of another sender under
+        its id, and by a plan that its poses contradict. Nothing while the own frame is not known.
         """
         if me.local_from_mission is not None:
             local_from_mission = bare(me.local_from_mission)
@@ -136,7 +137,7 @@ class Heard:
         return self._plan(other, local_from_theirs, min(sigma_m, WORST_SIGMA_M), me.now_ns, doubt_m(sigma_m))
 
     def _plan(self, other: Other, local_from_theirs: Transform, sigma_m: float, now_ns: int, doubt_m: float = 0.0) -> PeerPlan:
-        """Return its published plan; without a recent plan in agreement with its poses, its pose extrapolated by its velocity."""
+        """Return its published plan as an obstacle; if it follows no recent plan, its pose, extrapolated by its velocity."""
         name, peer, pose = other.name, other.peer, other.pose
         measured = PeerState(
             local_from_theirs.apply_point(pose.position_m),
@@ -158,19 +159,19 @@ class Heard:
         return held(other.name, me.now_ns, state, hypot(me.sigma_m, member.origin_sigma_m, gone_m))
 
     def _by_its_localization(self, other: Other, local_from_mission: Transform, now_ns: int) -> PeerPlan | None:
-        """Return the position if the localisation after a jump is right; None without a jump."""
+        """Return its position if its localisation is right after a jump; None without a jump."""
         frame = self._frames.elsewhere(other.name, other.pose)
         return None if frame is None else blind(other.name, other.pose, local_from_mission @ frame, now_ns)
 
     def _by_other_stories(self, other: Other, local_from_mission: Transform, now_ns: int) -> Iterator[PeerPlan]:
-        """Return the positions by the other stories under its id (``sources``)."""
+        """Return its positions by the poses under its id that may come from another sender (``sources``)."""
         for pose in other.peer.sources.second_places(now_ns):
             frame = self._frames.told(other.name, pose.epoch) or other.mission_from_theirs
             if frame is not None:
                 yield blind(other.name, pose, local_from_mission @ bare(frame), now_ns)
 
     def _as_planned(self, other: Other, local_from_mission: Transform, me: Self) -> PeerPlan | None:
-        """Return the position by its plan if its poses, which contradict the plan, are false."""
+        """Return its position by a plan that its poses contradict, in case that the poses are false; None without that."""
         plan = self._following.contradicted(other.name, other.peer, other.pose, me.now_ns)
         if plan is None or other.mission_from_theirs is None:
             return None
@@ -179,5 +180,5 @@ class Heard:
 
 
 def between_sigma_m(pose: Pose, mission_from_theirs: Transform, me: Self) -> float:
-    """Return the 1 sigma of the distance to a drone, up to the limit of separation."""
+    """Return the 1 sigma (m) of a drone's position relative to this one, up to ``WORST_SIGMA_M``."""
     return min(hypot(me.place_sigma_m, sigma_of_m(pose, mission_from_theirs)), WORST_SIGMA_M)

@@ -1,4 +1,4 @@
-"""The inputs of a navigation step."""
+"""Inputs of one step of the navigator, and the centre of the circle around the source."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from radron.agent.motion.reference import PeerState
 from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.messages import Stage
 
-STEP_S = 0.2  # of the tracker's horizon
-HORIZON = 20
-_OLDEST_S = 1.0  # limit of the prediction from older telemetry
+STEP_S = 0.2  # time step of plans
+HORIZON = 20  # number of steps of a plan
+_OLDEST_S = 1.0  # telemetry is extrapolated for at most this long
 
 
 class Moment(Struct, frozen=True):
-    """``since_ns``: begin of the stage; ``hypothesis``: mission frame, stamped in own time; ``took_part_ns``: begin of this
-    drone's participation without a break; without meaning outside of it.
+    """Inputs of one step of the navigator.
+
+    now_ns: own time. stage: present stage, begun at ``since_ns``. vehicle: newest telemetry, local frame.
+    hypothesis: source estimate, mission frame, stamped in own time; None without one.
+    took_part_ns: begin of the present, unbroken time in which this drone takes off, searches or tracks; else without meaning.
     """
 
     now_ns: int
@@ -29,13 +32,14 @@ class Moment(Struct, frozen=True):
 
     @property
     def stage_s(self) -> float:
-        """Duration of the stage so far."""
+        """Time (s) since the begin of the present stage."""
         return (self.now_ns - self.since_ns) * 1e-9
 
     @property
     def here(self) -> PeerState:
-        """Position and velocity of the vehicle now, local frame. Prediction goes on without telemetry: the vehicle flies on, and
-        other drones come nearer.
+        """Position and velocity of the vehicle now, local frame: the newest telemetry, extrapolated for at most a second.
+
+        Planning goes on without new telemetry, because the vehicle flies on, and other drones come nearer.
         """
         (x, y, z), (u, v, w) = self.vehicle.position_m, self.vehicle.velocity_mps
         age_s = min(1e-9 * (self.now_ns - self.vehicle.stamp_ns), _OLDEST_S)
@@ -43,7 +47,7 @@ class Moment(Struct, frozen=True):
 
 
 class Centre(Struct, frozen=True):
-    """Position and velocity of the source now, in the local frame, as seen by this drone's localisation.
+    """Position (m) and velocity (m/s) of the circle's centre, the source as this drone's localisation sees it; local frame.
 
     ``in_mission``: the same in the mission frame, horizontal.
     """

@@ -1,4 +1,4 @@
-"""State of the own drone for the prediction of the other drones."""
+"""State of this drone, as the prediction of the other drones needs it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from radron.agent.navigation.peers.placing import bare, unexplained_m
 from radron.agent.navigation.unheard.contact import Circle
 from radron.agent.navigation.unheard.viewer import Viewer
 
-# Limit, during the return of a revoked drone, for its alternative position hypothesis. Beyond it, homes of other drones as seen
-# from there would keep the drone from its own home until it counts as landed.
+# This long after the begin of its return, a revoked drone ignores its alternative position hypothesis. Otherwise homes of other
+# drones, as seen from there, could keep it from its own home for longer than the others expect it to be in flight.
 PATIENT_S = 20.0
 
 
@@ -29,15 +29,19 @@ def _no_motion(_: int) -> None:
 
 
 class Self(Struct, frozen=True):
-    """The own drone: epoch of its frame, and that frame; None while it is not known.
+    """State of this drone.
 
-    ``otherwise``: the same frame, mission from local, if the own localisation after a jump is right; None without a jump;
-    ``doubt_m``: distance between both position hypotheses. ``sigma_m``: 1 sigma of the own position in the mission frame
-    (horizontal distance), both hypotheses included. ``ahead``: returns the planned positions (K, 3) from now on, ``step_s``
-    apart, local frame; ``motion_at``: position and velocity at a stamp, mission frame, if the drone took part then; ``circle``:
-    None outside of tracking; ``height_m``: above ground; ``returning_s``: since the begin of the return, None without a return;
-    ``resumed``: in-flight start of the agent; ``measured``: the drones that may fly, by the measurements in the log; ``revoked``:
-    no drone hears this one; ``excluded``: the other revoked drones.
+    now_ns: own time. epoch: of its local frame.
+    sigma_m: 1 sigma of its horizontal position in the mission frame, m; with two position hypotheses, of both together.
+    local_from_mission: its local frame; None while it is not known.
+    ahead: returns the planned positions (K, 3) from now on, ``step_s`` apart, local frame.
+    motion_at: returns position and velocity at a stamp, mission frame; None if this drone did not take part then.
+    circle: its circle around the source; None outside of tracking.
+    height_m: above ground. returning_s: time since the begin of its return; None if it does not return.
+    resumed: its agent was started in flight. measured: ids of drones that may fly, because the log holds their measurements.
+    revoked: it is revoked, so no drone accepts its messages. excluded: ids of the other revoked drones.
+    otherwise: its local frame, mission from local, by its alternative position hypothesis: the localisation is right after a
+        jump; None without one. doubt_m: distance between both hypotheses.
     """
 
     now_ns: int
@@ -59,15 +63,17 @@ class Self(Struct, frozen=True):
 
     @property
     def place_sigma_m(self) -> float:
-        """1 sigma of the own position, of either hypothesis if there are two."""
+        """1 sigma (m) of the own position; with two position hypotheses, that of each one alone."""
         return unexplained_m(self.sigma_m, self.doubt_m)
 
     def may_fly(self, name: str) -> bool:
-        """Whether a drone without any known stage may be in flight."""
+        """Whether a drone that has published no stage may be in flight."""
         return self.resumed or name in self.measured
 
     def elsewhere(self) -> Self | None:
-        """Return the drone at its alternative position hypothesis; None without one, or once it no longer counts."""
+        """Return this state for the alternative position hypothesis; None without one, if the own frame is not known, or late in
+        the return of a revoked drone.
+        """
         if self.otherwise is None or self.local_from_mission is None:
             return None
         if self.revoked and self.returning_s is not None and self.returning_s >= PATIENT_S:
@@ -77,6 +83,6 @@ class Self(Struct, frozen=True):
         return replace(self, local_from_mission=frame, otherwise=None)
 
     def viewer(self, local_from_mission: Transform) -> Viewer:
-        """Return the state for the rules of lost peers; its frame is known."""
+        """Return this state as the rules for missing drones need it, with this frame of the drone."""
         moves = self.ahead, self.motion_at, self.circle, self.height_m, self.returning_s, self.revoked
         return Viewer(self.now_ns, self.epoch, self.step_s, bare(local_from_mission), *moves, excluded=self.excluded)

@@ -1,20 +1,19 @@
-"""Predicted motion of the other drones, in this drone's local frame: the input of separation.
+"""Predicted positions of the other drones, in this drone's local frame: the obstacles for separation. They depend on the link:
 
-A heard peer is placed by its frame, its messages and the own sightings of it (``heard``).
+- Heard: the position follows from the drone's local frame, its messages, and this drone's sightings of it (``heard``).
+- One-way link: likewise; it does not hear this drone, so it gives no way, and is not counted when area and circle are divided.
+- Link lost in flight: the position by sightings, or else all possible positions (``silent``). For two seconds, also the positions
+  of its last plan, because messages may only be late. If it circled, it is assumed to stop on that plan, until it has left.
+- Never heard: it may fly if this agent was started in flight, or the log holds its measurements. Then it counts as missing, like
+  a peer with a lost link. It may be revoked, or out of radio range. A sighting gives its position.
 
-A peer never heard may fly, too: it was revoked before, or is out of reach. Conditions: an in-flight start of this agent, or
-measurements of that peer in the log. It counts as missing, like a lost peer, or a peer with a few poses, but never a status. A
-sighting of its flight gives its position.
+A drone may have two possible positions, and separation is kept from both:
 
-A peer with an exactly known frame and an unannounced jump of its localisation has two position hypotheses. Separation is kept
-from both; and as seen from both, if this drone has jumped (``TheirFrames.elsewhere``). The same holds for a steered peer with a
-contradiction between poses and plans: one of them is false. After landing, it may stand at the end of its last plan. A peer with
-a jump during a lost link may have returned meanwhile (``heardagain``).
-
-For a flying peer with a lost link, separation is kept from its position by sightings, or else from all possible ones
-(``silent``). Its plan of up to two seconds ago counts as well: messages may only be lost, or late. If it circled, it stands at
-the end of that plan until it leaves. A one-way peer reports with its poses that this drone is silent; it never gives way, and
-does not take part.
+- Its frame is given by the mission, and its localisation has jumped without an announcement. If this drone has jumped so itself,
+  separation is kept as seen from both its positions (``TheirFrames.elsewhere``).
+- Its poses contradict its plan although its agent steers it: one of the two is false. After its landing it may stand at the end
+  of its last plan.
+- Its localisation jumped while its link was lost: it may have returned meanwhile (``heardagain``).
 """
 
 from __future__ import annotations
@@ -52,11 +51,14 @@ from radron.protocol.stages import CIRCLING
 
 # Distance below which two positions of a drone are one: steering has room for three half-planes in each step.
 _SAME_M = 0.3
-_STOPPED_NS = 2_000_000_000  # time to the stop of a vehicle whose agent is lost: older sightings show it still in flight
+_STOPPED_NS = 2_000_000_000  # after this time a vehicle whose agent is lost has stopped; earlier sightings show it in motion
 
 
 class Neighbour(Struct, frozen=True):
-    """Another drone in the air. ``takes_part``: it searches and tracks too, and gets a share of area and circle."""
+    """Possible position of another drone in flight, as an obstacle. A drone may have several of them.
+
+    ``takes_part``: the drone searches or tracks with a two-way link, and gets a share of area and circle.
+    """
 
     id: str
     plan: PeerPlan
@@ -64,11 +66,11 @@ class Neighbour(Struct, frozen=True):
 
 
 class Neighbourhood:
-    """Drones that fly around one drone.
+    """Predictions of all other drones for one drone.
 
-    ``absence``: consequences of missing drones, as of the last ``around``; None without missing drones, and without a lost peer
-    that returns while this drone does. ``listens``: for less than a second this drone has known of drones that may fly, and were
-    never heard.
+    absence: consequences of missing drones, as of the last ``around``; None if no drone is missing (and, while this drone
+        returns, no lost peer was returning).
+    listens: this drone has known for less than a second that a drone never heard may fly. It waits for its first pose.
     """
 
     def __init__(self, mission: MissionConfig, frames: FrameGraph, drone: str) -> None:
@@ -83,7 +85,9 @@ class Neighbourhood:
         self.listens = False
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
-        """Return the knowledge about flying drones, certain or possible, for a restart of this agent in flight."""
+        """Return the last pose and separation line of each drone that flies or may fly, by id, to be stored for a restart of this
+        agent in flight.
+        """
         found = {}
         for name in peers.names:
             pose = peers[name].last_pose(now_ns)
@@ -99,7 +103,10 @@ class Neighbourhood:
             belief.before = before.get(name)
 
     def around(self, peers: Peers, me: Self) -> list[Neighbour]:
-        """Return all drones in the air with a known position, by id; then as seen from the alternative position of this drone."""
+        """Return the possible positions of all drones in flight, in the order of the ids, and update ``absence``.
+
+        If this drone has an alternative position hypothesis, the positions as seen from there follow, where they differ.
+        """
         found, missing, links = self._seen_from(peers, me)
         self.listens = any(link is LinkState.NEVER_HEARD and self._is_expected(name, me.now_ns) for name, link in links.items())
         partners = [one.id for one in found if one.takes_part]
@@ -115,7 +122,9 @@ class Neighbourhood:
         return found
 
     def _seen_from(self, peers: Peers, me: Self) -> tuple[list[Neighbour], list[str], dict[str, LinkState]]:
-        """Return all drones relative to this one, if its frame is right; the missing drones; and the state of each link."""
+        """Return, for one frame of this drone: the possible positions of the others, the ids of the missing drones, and the state
+        of each link.
+        """
         found: list[Neighbour] = []
         missing = []
         links: dict[str, LinkState] = {}
@@ -127,7 +136,9 @@ class Neighbourhood:
         return found, missing, links
 
     def _link(self, name: str, peer: Peer, me: Self) -> LinkState:
-        """Return the state of a link; after a restart of this agent in flight, with the drone's messages from before."""
+        """Return the state of the link to a drone. If it is not heard after a restart of this agent in flight, its last pose from
+        before the restart is restored.
+        """
         belief, link = self._beliefs[name], link_state(peer, self._id, me.now_ns, revoked=me.revoked)
         if link is LinkState.NEVER_HEARD and belief.before is not None and me.resumed and self._is_missing(name, me):
             self._recall(name, peer, belief.before, me.now_ns)
@@ -135,7 +146,7 @@ class Neighbourhood:
         return link
 
     def _one(self, name: str, peer: Peer, me: Self, link: LinkState) -> tuple[list[Neighbour], bool]:
-        """Return one drone, at each possible position; and whether it is missing."""
+        """Return the possible positions of one drone, and whether it is missing."""
         belief = self._beliefs[name]
         if link is not LinkState.NEVER_HEARD or not me.resumed:
             belief.before = None
@@ -154,7 +165,7 @@ class Neighbourhood:
         return list(self._of_silent(other, me)), is_missing
 
     def _of_heard(self, other: Other, me: Self, *, is_one_way: bool) -> tuple[list[Neighbour], bool]:
-        """Return a heard drone at each possible position; it is missing if it does not hear this drone."""
+        """Return the possible positions of a heard drone, and whether it is missing, because it does not hear this drone."""
         name, pose = other.name, other.pose
         belief = self._beliefs[name]
         follow(belief, pose.stamp_ns, is_carried=name in self.frames.epochs)
@@ -181,7 +192,7 @@ class Neighbourhood:
                 yield Neighbour(name, one, False)
 
     def _beyond_line(self, other: Other, me: Self) -> list[Neighbour]:
-        """Return the side left to a one-way peer."""
+        """Return, as an obstacle, the other side of the separation line to a one-way peer, which belongs to that peer."""
         name, pose, frame = other.name, other.pose, other.mission_from_theirs
         sigma_m = WORST_SIGMA_M if frame is None else between_sigma_m(pose, frame, me)
         viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
@@ -189,19 +200,23 @@ class Neighbourhood:
         return [Neighbour(name, plan, False) for plan in plans]
 
     def silences_ns(self, peers: Peers, stamp_ns: int) -> dict[str, int]:
-        """Return the time without a pose of each other drone at a stamp; of drones never heard, since they have been expected."""
+        """Return the time (ns) without a pose of each other drone at a stamp, by id, as this drone publishes it. For a drone
+        never heard that may fly: since this drone has known that.
+        """
         poses = {name: peers[name].pose for name in peers.names}
         since_ns = {name: self._beliefs[name].expected_ns if pose is None else pose.stamp_ns for name, pose in poses.items()}
         return {name: max(0, stamp_ns - one_ns) for name, one_ns in since_ns.items() if one_ns is not None}
 
     def obeys(self, name: str, now_ns: int) -> None:
-        """Note that a revoked drone obeys, and is on its way home."""
+        """Note that a revoked drone has reported that it obeys, and is on its way home."""
         belief = self._beliefs.get(name)
         if belief is not None and belief.obeys_ns is None:
             belief.obeys_ns = now_ns
 
     def _is_missing(self, name: str, me: Self) -> bool:
-        """Whether a drone never heard has been able to fly for long enough: its measurements may precede its first pose."""
+        """Whether a drone never heard counts as missing: this drone has known for a second or more that it may fly. Before that
+        its first pose may still arrive, after its measurements.
+        """
         if not me.may_fly(name):
             return False
         belief = self._beliefs[name]
@@ -209,28 +224,30 @@ class Neighbourhood:
         return not self._is_expected(name, me.now_ns)
 
     def _is_expected(self, name: str, now_ns: int) -> bool:
-        """Whether a drone never heard has been able to fly for less than a second."""
+        """Whether this drone has known for less than a second that a drone never heard may fly."""
         expected_ns = self._beliefs[name].expected_ns
         return expected_ns is not None and now_ns - expected_ns < SILENT_NS
 
     def _recall(self, name: str, peer: Peer, news: LastNews, now_ns: int) -> None:
-        """Restore the last messages of a drone without a link since a restart of this agent; its frame is known from before."""
+        """Restore the last pose of a drone that has not been heard since a restart of this agent, and the separation line to it;
+        if its frame is known from before.
+        """
         if self.frames.of(name, news.pose) is not None:
             pose = news.pose_before(now_ns - SILENT_NS - 1)
             peer.recall(pose)
             self._silent.recall(name, pose, news.wall)
 
     def follow(self, peers: Peers) -> None:
-        """Update the frames of the other drones while this drone plans nothing: a jump is bridged only as it happens."""
+        """Update the frames of the other drones while this drone makes no plans. A frame can be continued over a jump of a
+        drone's localisation only with the poses right before and after the jump.
+        """
         for name in peers.names:
             peer = peers[name]
             if peer.pose is not None and not peer.is_on_ground(peer.pose.stamp_ns):
                 self.frames.of(name, peer.pose)
 
     def _of_unknown(self, name: str, peer: Peer, me: Self) -> Iterator[Neighbour]:
-        """Return a drone never heard, or revoked on the ground before the start of this agent: in flight at its sightings, or
-        descending over its home.
-        """
+        """Return the possible positions of a drone never heard: by sightings, or else over its home, where it may descend."""
         if me.local_from_mission is None:
             return
         viewer = me.viewer(me.local_from_mission)
@@ -243,7 +260,9 @@ class Neighbourhood:
         yield from (Neighbour(name, plan, False) for plan in (*plans, *self._silent.hidden(name, viewer)))
 
     def _of_silent(self, other: Other, me: Self) -> Iterator[Neighbour]:
-        """Return a lost peer: by sightings since the last pose, or at all possible positions."""
+        """Return the possible positions of a lost peer: by sightings two seconds or more after its last pose, or else all that
+        follow from that pose.
+        """
         name, peer, pose = other.name, other.peer, other.pose
         viewer = me.viewer(me.local_from_mission) if me.local_from_mission is not None else None
         recent = [one for one in peer.sightings if one.stamp_ns > pose.stamp_ns + _STOPPED_NS]
@@ -256,7 +275,7 @@ class Neighbourhood:
             yield from self._of_unseen(other, viewer, me)
 
     def _of_unseen(self, other: Other, viewer: Viewer, me: Self) -> Iterator[Neighbour]:
-        """Return a lost peer without sightings: at all possible positions, at first also along its last plan."""
+        """Return the possible positions of a lost peer without sightings; at first also those of its last plan."""
         name, peer, pose, frame = other.name, other.peer, other.pose, other.mission_from_theirs
         if frame is None:
             return
@@ -271,7 +290,7 @@ class Neighbourhood:
         yield from self._of_unplaced(name, sigma_m, me)
 
     def _stop(self, other: Other, me: Self) -> Iterator[PeerPlan]:
-        """Return the stop of a quiet peer in failsafe; nothing while its poses arrive."""
+        """Return, as an obstacle, the stretch on which a quiet peer stops if its agent is lost; nothing while poses arrive."""
         if other.mission_from_theirs is None or me.local_from_mission is None:
             return
         if me.now_ns - other.pose.stamp_ns >= QUIET_NS + other.peer.usual_delay_ns:
@@ -280,7 +299,9 @@ class Neighbourhood:
 
 
 def _is_same(one: Neighbour, other: Neighbour, now_ns: int) -> bool:
-    """Whether both are the same drone at the same position, as with sightings: independent of the own position estimate."""
+    """Whether both are the same drone at the same position. So it is with sightings, which do not depend on the own position
+    estimate.
+    """
     if one.id != other.id or one.plan.away is not None or other.plan.away is not None:
         return False
     return dist(one.plan.at(now_ns), other.plan.at(now_ns)) < _SAME_M

@@ -1,4 +1,4 @@
-"""Fence in one drone's own local frame; while that frame is not known, a circle around the waiting drone."""
+"""Fence in one drone's local frame; while that frame is not known, a circle around the waiting drone."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from radron.agent.motion.fence import Fence
 from radron.agent.motion.separation import DOUBT_SIGMAS
 from radron.agent.vehicle.interface import VehicleState
 
-_LEAST_MARGIN_M = 5.0  # of the fence, however uncertain the own position is
+_LEAST_MARGIN_M = 5.0  # the fence stays at least this far outside of the area, however uncertain the own position is
 _MOVED_M = 0.3  # smaller shifts of the fence in the local frame, or of its heights, are not applied
 _WAITING_M = 12.0  # radius of the fence around a drone with an unknown frame
 _ROOM_M = 4.0  # a fence within which no circle of this radius fits leaves no room to fly
 
 
 class OwnFence:
-    """Fence at the area's position in the local frame, moved as the estimate of that frame improves, or its height drifts.
+    """Fence around the mission's area, in the local frame. It moves as the estimate of that frame improves, or its height drifts.
 
-    With two position hypotheses of the drone, both must be inside.
+    With two position hypotheses, the drone stays inside the fence by both.
     """
 
     def __init__(self, area: AreaConfig, own: OwnPose) -> None:
@@ -33,14 +33,15 @@ class OwnFence:
         self._level_m = 0.0
 
     def put(self, vehicle: VehicleState, level_m: float) -> Fence:
-        """Return the fence for a flight from here on; ``level_m``: local z of its height 0."""
+        """Return the fence for a flight that begins at the vehicle; ``level_m``: local z of the fence's height 0, m."""
         self._level_m = level_m
         return self._made(vehicle)
 
     def moved(self, vehicle: VehicleState, level_m: float) -> Fence | None:
-        """Return the fence for the newest frame and ground; None while the present one still fits.
+        """Return the fence by the newest estimate of frame and ground; None while it differs from the present one by less than
+        0.3 m.
 
-        An autopilot's height drifts, and the ground in its frame with it: by metres in a long flight.
+        The height of an autopilot's frame drifts, by metres in a long flight; the ground's height in that frame drifts with it.
         """
         frame = self._own.frame
         if abs(level_m - self._level_m) >= _MOVED_M:
@@ -57,7 +58,9 @@ class OwnFence:
         return self._made(vehicle)
 
     def _outline(self, frame: LocalFrame) -> tuple[Array, float]:
-        """Return the area's corners (N, 2) in the local frame; and the fence's margin, less the position uncertainty."""
+        """Return the area's corners (N, 2) in the local frame, and the distance (m) of the fence outside of them, reduced by the
+        position uncertainty.
+        """
         margin_m = self._area.fence_margin_m
         if frame.mission_from_local.covariance is not None:
             sigma_m = (

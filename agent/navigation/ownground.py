@@ -1,4 +1,4 @@
-"""Ground below and around one drone, in its own local frame."""
+"""Height of the ground below and around one drone, in its own local frame."""
 
 from __future__ import annotations
 
@@ -23,24 +23,25 @@ class OwnGround:
         self._low_m, self._high_m = area.floor_m + HEIGHT_INSIDE_M, area.ceiling_m - HEIGHT_INSIDE_M
 
     def level_m(self, vehicle: VehicleState) -> float:
-        """Return the local z of the ground below, the zero of the heights of references and fence.
+        """Return the local z (m) from which the heights of references and fence count: that of the ground below the vehicle.
 
-        0 for ground that is not level: there the tracker adds the height of the ground under its plan.
+        0 if the mission's ground is not level: then these heights count from the ground, and the tracker adds the ground's own
+        height under its plan.
         """
         return _below_m(vehicle) if self._ground.level else 0.0
 
     def relief(self, vehicle: VehicleState) -> Relief | None:
-        """Return the ground around the vehicle; None if it is level."""
+        """Return the heights of the ground around the vehicle, local z; None if the mission's ground is level."""
         if self._ground.level:
             return None
         (x, y, _), frame = vehicle.position_m, self._own.frame
         return self._ground.around(frame.mission_from_local if frame is not None else None, (x, y), _below_m(vehicle))
 
     def kept_off(self, reference: Reference, vehicle: VehicleState) -> Reference:
-        """Return the reference, raised or lowered by the vehicle's distance beyond the vertical limits of plans.
+        """Return the reference, raised or lowered by as much as the vehicle is below or above the vertical limits of plans.
 
-        An autopilot with an error in its climb rate stays off its setpoint for some seconds, by a metre at worst. The rangefinder
-        shows that.
+        The vehicle may be there although its plans are not: an autopilot with an error in its climb rate stays off its setpoint
+        for some seconds, by a metre at worst. The rangefinder shows that.
         """
         lacking_m = max(0.0, self._low_m - vehicle.height_m) - max(0.0, vehicle.height_m - self._high_m)
         if lacking_m == 0.0:
@@ -48,7 +49,7 @@ class OwnGround:
         return replace(reference, positions=reference.positions + np.array([0.0, 0.0, lacking_m]))
 
     def above_level(self, state: PeerState, vehicle: VehicleState) -> PeerState:
-        """Return a state near the vehicle with z above ground, as in references."""
+        """Return the state, near the vehicle, with z as in references: above the ground if that is not level."""
         relief, (x, y, z) = self.relief(vehicle), state.position
         if relief is None:
             return state

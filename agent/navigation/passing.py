@@ -1,6 +1,6 @@
-"""Drones in flight past a drone on the ground: it must not take off below them.
+"""Drones that fly near a drone on the ground, which must not take off close to them.
 
-Before it is armed, they have no knowledge of it. They need some seconds to make room for a climbing drone.
+Before it is armed, they do not know of it, and they need some seconds to make room for a climbing drone.
 """
 
 from __future__ import annotations
@@ -15,14 +15,16 @@ from radron.agent.navigation.peers.newest import Peers
 from radron.protocol.messages import Stage
 from radron.protocol.stages import DESCENDING
 
-_AHEAD_S = 2.0  # from the command to lift
+_AHEAD_S = 2.0  # from the command to the lift-off
 _MARGIN_M = 1.0  # beyond the separation
 _MOST_DOUBT_M = 2.0  # more would keep a drone with a very uncertain frame on the ground
-_CLOSE = 0.8  # of the separation, from a landing drone: it stays over its place, and others stand beside it
+_CLOSE = 0.8  # share of the separation kept from a landing drone: it stays over its place, and others stand right beside it
 
 
 def passing(position_m: Vector3, others: Iterable[Neighbour], peers: Peers, separation_m: float) -> tuple[str, ...]:
-    """Return the ids of ``others`` that are, or will be within two seconds, too near to a position in the same frame."""
+    """Return the ids of the drones in ``others`` that are too near to a position (m, in their frame) for a takeoff there, or will
+    be so within two seconds. Drones that take off themselves do not count.
+    """
     found = []
     for other in others:
         stage, state = peers[other.id].stage, other.plan.measured

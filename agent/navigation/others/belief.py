@@ -1,4 +1,4 @@
-"""Knowledge about one other drone beside its messages (``peers.newest``): the only owner of it."""
+"""Knowledge about one other drone, beside its newest messages (``peers.newest``)."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from radron.agent.navigation.unheard.wayaround import KeptPlace
 
 @dataclass(slots=True)
 class PeerBelief:
-    """Knowledge about one other drone.
+    """Knowledge about one other drone, beside its messages. All stamps in own time.
 
-    before: its last pose from before a restart of this agent, without a pose since.
-    expected_ns: first stamp at which the drone, never heard, may fly.
-    excluded_ns: begin of its revocation, as known here, if it was never heard.
-    obeys_ns: first report of its obedience to a revocation.
-    contact: last contact of a lost or one-way link. line: the separation line that follows, valid or expired.
-    courses: possible failsafe courses of a lost drone's vehicle, since ``courses_ns``: its last pose or sighting; None: heard.
-    kept: keep-out discs over its home.
-    seen: its last sighting without a link.
-    silence: after a new link, the length of the silence before, s, and the failsafe courses then, until its frame is known.
+    before: its last pose from before a restart of this agent, as long as no pose has arrived since; else None.
+    expected_ns: for a drone never heard, the first stamp at which this drone knew that it may fly.
+    excluded_ns: for a drone never heard, the stamp at which this drone knew that it is revoked.
+    obeys_ns: stamp of the first report that it obeys its revocation.
+    contact: last contact of a lost or one-way link. line: the separation line that follows from it, valid or expired.
+    courses: possible courses of a lost drone's vehicle from ``courses_ns`` on, its last pose or sighting; None while it is heard.
+    kept: keep-out discs over its home, by place.
+    seen: its last sighting while the link is lost.
+    silence: after a new link, until its frame is in the log: duration of the silence, s, and its possible courses then.
     """
 
     before: LastNews | None = None
@@ -42,11 +42,11 @@ class PeerBelief:
     silence: tuple[float, Sequence[Course]] | None = None
 
     def heard(self) -> None:
-        """Forget the places of a drone without a pose: it is heard, even if it does not receive this drone."""
+        """Forget the possible courses of a drone without a link: it is heard, even if it does not hear this drone."""
         self.courses = None
         self.kept.clear()
 
     def forget(self) -> None:
-        """Forget the lost link: it is a two-way one, or the drone is on the ground, or was never heard."""
+        """Forget the lost link: the link is two-way, or the drone is on the ground, or was never heard."""
         self.contact = self.line = None
         self.heard()

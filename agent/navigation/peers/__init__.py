@@ -1,3 +1,3 @@
-"""The other drones, one by one: their messages, checks for a single and true source, and their positions by messages or
-sightings.
+"""The other drones, one by one: their newest messages, the check that these come from one sender, and their positions by messages
+or sightings.
 """

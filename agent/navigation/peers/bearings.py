@@ -1,4 +1,4 @@
-"""Directions in which a drone sees others: a drone with an unknown frame can still move away from them."""
+"""Directions in which a drone sees others, so that a drone whose frame is unknown can still move away from them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,17 @@ from radron.protocol.entries import Sighting
 
 
 def seen_bearings(peers: Peers, epoch: int, now_ns: int) -> list[float]:
-    """Return the horizontal directions (rad) of drones seen lately by this one, in its own local frame of this epoch."""
+    """Return the horizontal directions (rad, ascending) in which this drone has seen others in the last 3 s; one for each drone
+    seen, own local frame of this epoch.
+    """
     found = (_usual(_bearings(peers[name].sightings, epoch, now_ns)) for name in peers.names)
     return sorted(bearing for bearing in found if bearing is not None)
 
 
 def freest_bearing(seen: Sequence[float]) -> float:
-    """Return the middle of the widest gap between directions (rad, ascending); pi without any."""
+    """Return the direction (rad) in the middle of the widest gap between the directions ``seen`` (rad, ascending); pi if there
+    are none.
+    """
     if not seen:
         return pi
     width, first = max((after - before, before) for before, after in pairwise((*seen, seen[0] + 2.0 * pi)))
@@ -32,5 +36,7 @@ def _bearings(sightings: Sequence[Sighting], epoch: int, now_ns: int) -> list[fl
 
 
 def _usual(bearings: Sequence[float]) -> float | None:
-    """Return the direction nearest to all others, because some may be of other objects; None without any."""
+    """Return the median-like direction of several (rad): that with the least sum of angles to the others. A few directions may be
+    of other objects. None without directions.
+    """
     return min(bearings, key=lambda one: sum(abs(wrapped(one - other)) for other in bearings), default=None)

@@ -1,4 +1,4 @@
-"""Agreement of another drone's poses with its plans; both are in its own frame, known or not."""
+"""Comparison of another drone's poses with its published plans, both in its own local frame, which need not be known for that."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from radron.protocol.messages import Plan, Pose
 from radron.protocol.stages import DESCENDING
 
 _PLAN_AGE_NS = 1_000_000_000  # an older plan is stale
-_EXPECTED_M = ResponseConfig().tracking_error_m  # prior of a drone's deviation from its plans
+_EXPECTED_M = ResponseConfig().tracking_error_m  # RMS deviation of a drone from its plans before any is measured
 
 
 class Following:
-    """Record of the other drones' deviations from their plans so far."""
+    """Deviations of the other drones from their plans: which drones follow their plans, and how well."""
 
     def __init__(self) -> None:
         self._deviations: dict[str, Deviation] = {}
-        self._departed: set[str] = set()  # drones with poses off their plans
-        self._doubted: set[str] = set()  # of these, drones steered by their agents: their poses are false, or their plans
+        self._departed: set[str] = set()  # drones whose poses deviate from their plans beyond the margin
+        self._doubted: set[str] = set()  # of these, drones steered by their agents: either their poses or their plans are false
 
     def compare(self, name: str, peer: Peer, pose: Pose) -> None:
-        """Compare a drone's pose with its plan.
+        """Compare a drone's newest pose with its plan.
 
-        Deviations beyond the margin of plans are left out of the RMS deviation.
+        A deviation beyond the margin of plans means that it does not follow the plan; it does not count in the RMS deviation.
         """
         deviation = self._deviations.setdefault(name, Deviation(_EXPECTED_M))
         plan = peer.plan
@@ -46,18 +46,21 @@ class Following:
             deviation.add(pose.stamp_ns, dx, dy)
 
     def deviation_m(self, name: str) -> float:
-        """Return the RMS deviation of a compared drone from its plans."""
+        """Return the RMS deviation (m) of a drone from its plans; ``compare`` must have been called for it."""
         return self._deviations[name].rms_m
 
     def plan(self, name: str, peer: Peer, pose: Pose, now_ns: int, oldest_ns: int = _PLAN_AGE_NS) -> Plan | None:
-        """Return the plan in agreement with a drone's poses; None without a recent one."""
+        """Return a drone's plan if it follows it: steered by its agent, not older than ``oldest_ns``, and in agreement with its
+        poses. Else None.
+        """
         return None if self._contradicts(name, peer, now_ns) else _recent(peer, pose, now_ns, oldest_ns)
 
     def contradicted(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> Plan | None:
-        """Return the recent plan of a drone that is steered, by its own report, and that its poses contradict; None without one.
+        """Return the recent plan of a drone that reports to be steered by its agent, if its poses contradict the plan; else None.
+        Its poses may be false, and then it is where its plan says.
 
-        Once it is steered no more: its last plan for two seconds, and until it is down if it lands. If its poses are false, it
-        stands at the end of that plan. Its status, a second later at most, reports the landing.
+        Once it is no longer steered, such a plan still counts for two seconds, and during a landing until it is down: with false
+        poses it lands at the end of that plan.
         """
         plan = peer.plan
         if not pose.steered and name in self._doubted:
@@ -65,7 +68,7 @@ class Following:
         return _recent(peer, pose, now_ns, _PLAN_AGE_NS) if self._contradicts(name, peer, now_ns) else None
 
     def is_blind(self, name: str, peer: Peer, pose: Pose, now_ns: int) -> bool:
-        """Whether a drone has published plans, and follows none now: its agent does not steer it."""
+        """Whether a drone has published plans, but does not follow one now. Then it is assumed to give no way."""
         return peer.plan is not None and self.plan(name, peer, pose, now_ns) is None
 
     def _contradicts(self, name: str, peer: Peer, now_ns: int) -> bool:

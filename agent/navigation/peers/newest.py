@@ -1,4 +1,4 @@
-"""Newest pose, plan and status of every other drone, and this drone's relative observations of it."""
+"""Newest pose, plan and status of every other drone, and this drone's sightings of it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from radron.protocol.texts import CodedText
 NEWS = (Pose, Plan, Status)
 OLDEST_NS = 2_000_000_000  # an older message is dropped
 STATUS_AGE_NS = 10_000_000_000  # an older status does not count: the drone is switched off
-_MOST_DELAYS = 8  # of the last messages of a second: ten poses, and as many plans
-_MOST_SIGHTINGS = 256  # maximum number, whatever their stamps
-FUTURE_NS = 100_000_000  # limit of a stamp ahead of now: beyond, it is forged, or of a clock not yet known to be wrong
-_LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this comes from a wrong clock
+_MOST_DELAYS = 8  # delays kept of a drone's last messages, about half a second of them
+_MOST_SIGHTINGS = 256  # maximum number of sightings kept, whatever their stamps
+FUTURE_NS = 100_000_000  # limit of a stamp ahead of now: a later one is forged, or of a clock not yet known to be wrong
+_LONGEST_MISSION_NS = 86_400_000_000_000  # a start longer ago than this is stamped by a wrong clock
 
 
 M = TypeVar("M", Plan, Status)
@@ -29,10 +29,12 @@ M = TypeVar("M", Plan, Status)
 
 @dataclass(slots=True)
 class Peer:
-    """Newest message of each kind, stamped in own time; None until heard. ``sources``: all stories of its position;
-    ``sightings`` (by this drone): of the last seconds.
-    ``ahead_ns``: lead of its clock over own time, as corrected in its stamps; ``delays_ns``: apparent delays of the last
-    messages that were kept, without that correction.
+    """Newest messages of one other drone, with stamps in own time; None until one is heard.
+
+    sources: its poses, by the sender that they seem to come from (``peers.sources``).
+    ahead_ns: lead of its clock over own time; the stamps are corrected by it.
+    delays_ns: delays of its last messages, own time at the arrival minus the stamp without that correction.
+    sightings: of it by this drone, in the last seconds.
     """
 
     plan: Plan | None = None
@@ -44,7 +46,7 @@ class Peer:
 
     @property
     def poses(self) -> deque[Pose]:
-        """Poses of the last seconds, by the first story; empty until one is heard."""
+        """Poses of the last seconds, oldest first, of the sender that counts as the drone itself; empty until one is heard."""
         return self.sources.stories[0].poses if self.sources.stories else deque()
 
     @property
@@ -54,8 +56,8 @@ class Peer:
 
     @property
     def stage(self) -> Stage | None:
-        """The stage by the newest pose or status; None if never published. A stage on the ground in contradiction to the poses
-        does not count: a restarted agent does not know of its flight yet.
+        """The stage by the newest pose or status; None if never published. A pose's stage on the ground does not count while
+        the poses show a flight: a restarted agent does not know yet that its vehicle flies.
         """
         pose, status = self.pose, self.status
         if pose is None or (status is not None and status.stamp_ns >= pose.stamp_ns):
@@ -65,12 +67,16 @@ class Peer:
         return status.stage if status is not None else None
 
     def is_on_ground(self, now_ns: int) -> bool:
-        """Whether statuses and poses say so, without a plan since: a status may be lost."""
+        """Whether the drone is on the ground by its statuses and poses, and has published no plan since (a status of its takeoff
+        may be lost).
+        """
         flies = self.plan is not None and self.status is not None and self.plan.stamp_ns > self.status.stamp_ns
         return not flies and self.sources.is_on_ground(now_ns)
 
     def last_pose(self, now_ns: int) -> Pose | None:
-        """Return the last pose, with the newest stage; None if one of these was never heard, or the drone is on the ground."""
+        """Return the last pose, with the newest stage in it; None if no pose or no stage was heard, or the drone is on the
+        ground.
+        """
         if self.pose is None or self.stage is None or self.is_on_ground(now_ns):
             return None
         return replace(self.pose, stage=self.stage)
@@ -81,19 +87,19 @@ class Peer:
 
     @property
     def usual_delay_ns(self) -> int:
-        """Median delay of the newest messages, by their stamps; 0 without any."""
+        """Median delay (ns) of the newest messages; 0 without any."""
         if not self.delays_ns:
             return 0
         return max(0, sorted(self.delays_ns)[len(self.delays_ns) // 2] + self.ahead_ns)
 
     def reckon_clock(self, ahead_ns: int, delay_ns: int, now_ns: int) -> None:
-        """Apply a new lead of its clock, from a message with this apparent delay, at ``now_ns``.
+        """Apply a new lead of its clock over own time, and correct the stamps of its earlier messages if they were wrong.
 
-        Two causes: a new estimate of the same clock, or a step of that clock. After a new estimate, its earlier messages move
-        along, or its next pose would seem to be a jump. After a step they stay: their stamps were right by the former clock. A
-        step changes the apparent delays by as much as the estimate; a new estimate alone does not. The smallest earlier delay
-        counts, because queueing only ever makes a message later. Nothing moves into the future: all later messages would be older
-        than known.
+        ``delay_ns``: delay of the message that arrives now, as in ``delays_ns``. There are two causes of a new lead. With a
+        better estimate of the same clock, the stamps of earlier messages are corrected, or its next pose would seem to be a jump.
+        After a step of its clock they stay, because they were right by the former clock. A step changes the delay by as much as
+        the lead; a better estimate does not. The delay is compared with the smallest earlier one, because queueing only makes
+        messages later. No stamp moves into the future: then all later messages would count as older than known.
         """
         by_ns = self.ahead_ns - ahead_ns
         if by_ns == 0:
@@ -107,12 +113,15 @@ class Peer:
         self.ahead_ns = ahead_ns
 
     def _restamp(self, by_ns: int) -> None:
-        """Correct the stamps of its messages by a new estimate of its clock."""
+        """Move the stamps of all its messages by ``by_ns``, for a better estimate of its clock."""
         self.plan, self.status = _restamped(self.plan, by_ns), _restamped(self.status, by_ns)
         self.sources.restamp(by_ns)
 
     def take(self, message: Pose | Plan | Status, now_ns: int) -> str | None:
-        """Keep a message if it is newer than known; an older one still counts for ``sources``. Return the reason of a refusal."""
+        """Keep a message, stamped in own time, if it is newer than the known one. Return the reason of a refusal, or None.
+
+        An older message still counts as a sign of another sender (``sources``).
+        """
         if isinstance(message, Pose):
             return None if self.sources.hear_pose(message, now_ns) else "older_than_known"
         if isinstance(message, Status):
@@ -129,9 +138,10 @@ class Peer:
         return None
 
     def is_refuted(self, status: Status) -> bool:
-        """Whether a status on the ground is in contradiction to its poses.
+        """Whether a status says "on the ground" while the poses show a flight.
 
-        Causes: a landing just now; a restart of its agent in flight, before it knows of the flight; or a second source.
+        Causes: a landing just now; a restart of its agent in flight, which does not know yet that it flies; or a second sender
+        under its id.
         """
         flew = self.stage is not None and self.stage not in ON_GROUND
         return flew and status.stage in ON_GROUND and not self.sources.rests(status.stamp_ns)
@@ -161,9 +171,9 @@ class Peers:
         return sorted(self._peers)
 
     def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
-        """Keep a message, stamped in own time, if its stamp is newer. Return the reason of a refusal, or None.
+        """Keep a message, stamped in own time, if it is newer than the known one. Return the reason of a refusal, or None.
 
-        ahead_ns: the correction in that stamp, the lead of the sender's clock over own time; None: as before.
+        ``ahead_ns``: lead of the sender's clock over own time, by which the stamp is corrected; None: as before.
         """
         peer = self._peers.get(message.drone)
         if peer is None:
@@ -189,7 +199,7 @@ class Peers:
             sightings.popleft()
 
     def disowned(self, drone: str, now_ns: int) -> None:
-        """Note a drone's statement that some messages under its id are not its own."""
+        """Note that a drone reports messages under its id that it did not send."""
         if drone in self._peers:
             self._peers[drone].sources.disowned(now_ns)
 
@@ -198,12 +208,12 @@ class Peers:
         return drone in self._peers and self._peers[drone].sources.are_two(now_ns)
 
     def problems(self, now_ns: int) -> tuple[CodedText, ...]:
-        """Problems of drones with two sources under one id, as texts."""
+        """Return a problem for the operator for each drone under whose id two senders publish."""
         told = (self._peers[name].sources.problem(name, now_ns) for name in self.names)
         return tuple(text for text in told if text is not None)
 
     def statuses(self, now_ns: int) -> dict[str, Status]:
-        """The newest status of each drone that has sent one recently."""
+        """Return the newest status of each drone that has sent one in the last 10 s, by id."""
         return {
             name: peer.status
             for name, peer in self._peers.items()
@@ -211,9 +221,11 @@ class Peers:
         }
 
     def begun_ns(self, mission: str, now_ns: int, utc_ns: int) -> int | None:
-        """Return the begin of that mission: the stamp (UTC) of a start command reported by most drones in it, the earliest of
-        several; None: no drone reports one. A majority, because one false start would change which entries a restarted drone
-        counts. ``now_ns``, ``utc_ns``: the present, in own time and by the own clock.
+        """Return the begin of a mission: the stamp (UTC) of the start command that most drones in it report. Of equally many
+        reports the earliest; None if no drone reports one.
+
+        The majority counts, because a false begin would change which log entries a restarted drone counts. ``now_ns``,
+        ``utc_ns``: the present, in own time and by the own clock.
         """
         told = (status.started_ns for status in self.statuses(now_ns).values() if status.mission == mission)
         known = Counter(began for began in told if began is not None and utc_ns - began < _LONGEST_MISSION_NS)

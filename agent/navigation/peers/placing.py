@@ -1,4 +1,4 @@
-"""Position of another drone in the own local frame, by its poses or by the own sightings: as a plan for separation."""
+"""Another drone as an obstacle in the own local frame (a ``PeerPlan``), by its messages or by this drone's sightings of it."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ _POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap betw
 def placed_by_sightings(
     name: str, sightings: Sequence[Sighting], speed_mps: float, epoch: int, now_ns: int, *, former: bool = False
 ) -> PeerPlan | None:
-    """Return the position from this drone's sightings alone. ``speed_mps``: the peer's speed, or its upper bound if only a
-    ``former`` one is known; ``epoch``: of the own frame.
+    """Return another drone as an obstacle by this drone's sightings of it alone; None if these do not give its position.
+
+    ``speed_mps``: its present speed; with ``former``, an upper bound, because its speed is only known from before the sightings.
+    ``epoch``: of the own local frame; sightings of other epochs do not count.
     """
     seen = places(sightings, epoch, now_ns, _nowhere)
     alone = placed_alone(seen, now_ns, speed_mps, former=former)
@@ -33,18 +35,22 @@ def placed_by_sightings(
 
 
 def speed_of_mps(pose: Pose) -> float:
-    """Return the horizontal speed, which is the same in every frame."""
+    """Return the horizontal speed (m/s) at a pose, which is the same in every frame."""
     return hypot(*pose.velocity_mps[:2])
 
 
 def contradicts(seen: PeerPlan, told: PeerPlan, sigma_m: float) -> bool:
-    """Whether sightings contradict the position, of that error, by pose and frame at the same time: then the frame is wrong."""
+    """Whether the position by sightings contradicts the position by pose and frame: they differ by more than 3 sigma. Then the
+    frame is wrong. ``sigma_m``: 1 sigma of the latter position.
+    """
     (x, y, _), (told_x, told_y, _) = seen.positions[0], told.positions[0]
     return hypot(x - told_x, y - told_y) > SIGMAS * hypot(min(sigma_m, WORST_SIGMA_M), seen.sigma_m)
 
 
 def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int) -> Vector3 | None:
-    """Return the position of a drone at a stamp by its poses; own local frame."""
+    """Return the position of a drone at a stamp in the own local frame, interpolated between its poses; None in a gap between
+    poses, or if they are not of this ``epoch``.
+    """
     poses = peer.poses
     place = bisect_right(poses, stamp_ns, key=_stamp)
     before, after = poses[max(place - 1, 0)], poses[min(place, len(poses) - 1)]
@@ -63,20 +69,22 @@ def expected(peer: Peer, epoch: int, local_from_theirs: Transform, stamp_ns: int
 
 
 def bare(transform: Transform) -> Transform:
-    """Return the transform without the covariance, whose propagation costs more than the transform."""
+    """Return the transform without its covariance, whose propagation costs more time than the transform itself."""
     return Transform(transform.yaw_rad, transform.translation)
 
 
 def sigma_of_m(pose: Pose, mission_from_theirs: Transform) -> float:
-    """Return the 1 sigma of a drone's position in the mission frame: by its frame, if estimated. At least its own published
-    value, which is larger after a loss of its satellites.
+    """Return the 1 sigma (m) of a drone's position in the mission frame: by the covariance of its frame, or the published one of
+    its localisation if that is larger, as after a loss of satellites.
     """
     return max(mission_from_theirs.sigmas_at(pose.position_m)[0], pose.position_sigma_m)
 
 
 def sigma_of_either_m(pose: Pose, mission_from_theirs: Transform, otherwise: Transform | None) -> float:
-    """Return the 1 sigma of a drone's position, of either hypothesis if there are two. ``otherwise``: its frame if its
-    localisation after a jump is right; None without a jump.
+    """Return the 1 sigma (m) of a drone's position; with two position hypotheses, that of each one alone.
+
+    ``otherwise``: its frame by the alternative position hypothesis, which trusts its localisation after a jump; None without
+    a jump.
     """
     sigma_m, place = sigma_of_m(pose, mission_from_theirs), pose.position_m
     if otherwise is None:
@@ -85,12 +93,14 @@ def sigma_of_either_m(pose: Pose, mission_from_theirs: Transform, otherwise: Tra
 
 
 def unexplained_m(sigma_m: float, doubt_m: float) -> float:
-    """Return the rest of a published error (1 sigma) without the share of two position hypotheses at distance ``doubt_m``."""
+    """Return the 1 sigma (m) of one position hypothesis. The published ``sigma_m`` of a drone with two hypotheses, ``doubt_m``
+    apart, also includes their distance, which is removed here.
+    """
     return sqrt(max(0.0, sigma_m**2 - 0.5 * doubt_m**2))
 
 
 def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> PeerPlan:
-    """Return the plan of a drone that continues by its pose, and gives no way."""
+    """Return the obstacle of a drone that flies on from its pose at constant velocity, and gives no way."""
     state = PeerState(
         local_from_theirs.apply_point(pose.position_m),
         local_from_theirs.rotate_direction(pose.velocity_mps),
@@ -100,19 +110,19 @@ def blind(name: str, pose: Pose, local_from_theirs: Transform, now_ns: int) -> P
 
 
 def planned(name: str, plan: Plan, local_from_theirs: Transform, sigma_m: float, now_ns: int) -> PeerPlan:
-    """Return the plan of a drone that follows its last plan for two seconds, and then stands, without a known link to others."""
+    """Return the obstacle of a drone that follows its last plan for two seconds, then stops, and gives no way."""
     ahead = local_from_theirs.apply_points(plan.positions_m)
     way = PeerPlan(name, plan.stamp_ns, plan.step_ns * 1e-9, ahead, sigma_m, blind=True)
     return way if now_ns - plan.stamp_ns <= OLDEST_NS else way.ended(OLDEST_NS)
 
 
 def held(name: str, now_ns: int, state: PeerState, sigma_m: float) -> PeerPlan:
-    """Return the plan of a drone that stays at its position, with the uncertainty of that position."""
+    """Return the obstacle of a drone with this position and velocity, and the uncertainty (1 sigma, m) of its position."""
     return PeerPlan.from_pose(name, now_ns, state, min(sigma_m, WORST_SIGMA_M), doubt_m(sigma_m))
 
 
 def doubt_m(sigma_m: float) -> float:
-    """Return the growth of the minimum separation for a position of that error."""
+    """Return by how much (m) the minimum separation grows for a position with this 1 sigma."""
     return min(_DOUBT_SIGMAS * sigma_m, _MOST_DOUBT_M)
 
 
@@ -133,8 +143,10 @@ def blind_plan(
     away: Array | None = None,
     radius_m: float = inf,
 ) -> PeerPlan:
-    """Return a plan at positions (K, 3) of a non-cooperative drone; ``away``: (K, 2), the drone may be anywhere beyond these
-    positions, or beyond the circle of that radius through them (``PeerPlan``).
+    """Return the obstacle of a drone that gives no way, at ``places`` (K, 3), ``step_s`` apart from now on, own local frame.
+
+    ``away``: (K, 2) unit vectors, if the places are only the nearest points of a line or circle beyond which the drone may be
+    anywhere. They point to this drone's side; ``radius_m``: of the circle, infinite for a line (see ``PeerPlan``).
     """
     flat = list(map(tuple, places.tolist()))
     return PeerPlan(name, now_ns, step_s, flat, sigma_m, blind=True, away=away, radius_m=radius_m)

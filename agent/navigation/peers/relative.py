@@ -1,4 +1,4 @@
-"""Position of another drone from this one's sightings, in the own local frame: independent of all other frames."""
+"""Position of another drone in the own local frame, from this drone's sightings of it, without any other frame."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STILL: Vector3 = (0.0, 0.0, 0.0)
 
 
 class Placed(Struct, frozen=True):
-    """Position of the other drone, m in the own local frame, with the 1-sigma horizontal error, m."""
+    """Position of the other drone by one sighting, m in the own local frame, with the 1 sigma of the horizontal position, m."""
 
     stamp_ns: int
     position: Vector3
@@ -34,17 +34,17 @@ class Placed(Struct, frozen=True):
 
 
 class Offset(Struct, frozen=True):
-    """Difference between observed and expected position, (3,) m in the own local frame; 1 sigma of its length."""
+    """Observed minus expected position of another drone, m in the own local frame; ``sigma_m``: 1 sigma of its length."""
 
     vector: Vector3
     sigma_m: float
 
 
 def places(sightings: Sequence[Sighting], epoch: int, now_ns: int, expected: Callable[[int], Vector3 | None]) -> list[Placed]:
-    """Return the positions of the other drone by the sightings of the last seconds.
+    """Return the positions of another drone, one for each sighting of the last 3 s that has a range.
 
-    A range without a direction is applied along the expected one, which matters little for the distance between the two. A
-    direction without a range gives no distance and is not used.
+    A sighting with a range alone is given the direction to the expected position: an error of the direction changes the distance
+    between the two drones little. A sighting with a direction alone is not used.
 
     Args:
         sightings: of one drone by this one.
@@ -77,7 +77,11 @@ def _towards(there: Vector3, here: Vector3) -> Vector3:
 
 
 def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) -> Offset | None:
-    """Return the offset on which most sightings agree; None if too few agree."""
+    """Return the mean offset of another drone from its expected positions, by the sightings that agree; None if fewer than 4 or
+    than 60 % of them agree.
+
+    ``seen``: positions by sightings; ``expected``: returns the expected position at a stamp, None if it is not known.
+    """
     known = [(one.position, there, one.sigma_m) for one in seen if (there := expected(one.stamp_ns)) is not None]
     if len(known) < FEWEST:
         return None
@@ -100,12 +104,16 @@ def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) ->
 def placed_alone(
     seen: Sequence[Placed], now_ns: int, speed_mps: float, *, former: bool = False
 ) -> tuple[PeerState, float] | None:
-    """Return position, velocity and sigma (m) of a drone with only a known speed; None while that is uncertain.
+    """Return the motion of a drone at its newest confirmed sighting, and the 1 sigma (m) of its position now; None if no sighting
+    is confirmed.
 
-    The newest sighting confirmed by others is used; false ones agree with none. Enough sightings also give the velocity. A
-    ``former`` speed is older than all these sightings, and ``speed_mps`` an upper bound. Then the sightings are compared with the
-    straight flight of their majority. By a former speed of 2 m/s, sightings at 6 m/s would not confirm each other: the position
-    would lag by 7 m. With too few sightings for a straight flight, ``speed_mps`` applies.
+    A sighting is confirmed if three others fit it, for a drone that moves at up to ``speed_mps``; false sightings fit no others.
+    Enough sightings also give the velocity.
+
+    With ``former``, ``speed_mps`` is only an upper bound, because the speed is known from before the sightings. Then the
+    sightings have to fit a straight flight, that of their majority; ``speed_mps`` applies if they are too few to give one. A
+    speed from before would be wrong here: at 2 m/s, the sightings of a drone at 6 m/s would not confirm each other, and the
+    position would lag by 7 m.
     """
     straight = _velocity(seen) if former else None
     slack_mps, near_ns = (speed_mps, WINDOW_NS) if straight is None else (_CHANGE_MPS, _NEAR_NS)
@@ -125,7 +133,7 @@ def placed_alone(
 
 
 def _agree(one: Placed, other: Placed, velocity: Vector3, slack_mps: float) -> bool:
-    """Whether both may be of one drone in flight with a velocity that is known to ``slack_mps``."""
+    """Whether both positions may be of one drone, which flies at this velocity, give or take ``slack_mps``."""
     elapsed_s = (other.stamp_ns - one.stamp_ns) * 1e-9
     (x, y, _), (u, v, _) = one.position, other.position
     apart_m = hypot(x + elapsed_s * velocity[0] - u, y + elapsed_s * velocity[1] - v)
@@ -133,8 +141,8 @@ def _agree(one: Placed, other: Placed, velocity: Vector3, slack_mps: float) -> b
 
 
 def _velocity(places: Sequence[Placed]) -> Vector3 | None:
-    """Return the horizontal velocity of a straight flight through the positions. Median over all pairs (Theil-Sen estimator),
-    robust against a few false ones.
+    """Return the horizontal velocity (m/s) of a straight flight through the positions; None if they are too few, or span too
+    short a time. It is the median over all pairs (Theil-Sen estimator), so a few false positions do not matter.
     """
     times = np.array([place.stamp_ns - places[0].stamp_ns for place in places]) * 1e-9
     if len(places) < 2 * FEWEST or np.ptp(times) < _SPAN_S:

@@ -1,13 +1,16 @@
-"""Sources under one id: all stories of that drone's position, and whether it flies.
+"""Check whether the messages under one drone's id come from one sender, and all its possible positions if they may not.
 
-No message proves its source: any holder of the key can write anything, and Zenoh's source ids are its own statements, too.
-Therefore no message removes the content of any other, whatever its stamp. It can only add a position, or an end of the flight
-that all others allow. A pose that continues no known story begins a new story. Every story counts until it has been silent for
-two seconds. A drone is on the ground when no status and no pose of the last seconds says that it flies.
+A second sender may hold a copy of the drone's key, or be its agent started twice. No message proves its sender: any holder of the
+key can write anything, also the source ids of Zenoh. So no message makes another one invalid, whatever its stamp. It can add a
+possible position, or an end of the flight that all other messages allow.
 
-A new story is no proof of a second source: a localisation jumps, a clock is stepped. Proofs are two stories side by side, two
-boots that both continue, and the drone's own report of messages that it never sent. The last one can be forged, but only by a
-second source.
+A *story* is a sequence of poses through which one vehicle can have flown. A pose that continues no known story begins a new one.
+Each story is a possible position until it has had no pose for two seconds. A drone is on the ground when no status and no pose of
+the last seconds says that it flies.
+
+A new story is no proof of a second sender: a localisation jumps, or a clock is stepped. Proofs are poses that go back and forth
+between two stories, statuses of two boots (starts of the agent) that both continue, and the drone's own report of messages that
+it never sent. Only a second sender can forge that report.
 """
 
 from __future__ import annotations
@@ -28,22 +31,25 @@ from radron.protocol.texts import CodedText
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a safety pilot
 SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
-SAME_M, SAME_MPS, MAX_ACCELERATION_MPS2 = 0.5, 2.0, 10.0  # deviation from the last pose's prediction: beyond, another story
+# Deviation of a pose from the motion of the pose before it: with a larger one, the pose belongs to another story.
+SAME_M, SAME_MPS, MAX_ACCELERATION_MPS2 = 0.5, 2.0, 10.0
 RECENT_NS = 3_000_000_000  # poses are kept for this long
-RIVAL_NS = 2_000_000_000  # separation is kept from a second position for this long
-SILENT_NS = 500_000_000  # a story without poses for so long gives way to the other one
-SHOWN_NS = 10_000_000_000  # two sources are reported for this long, and assumed to be two
-FRESH_NS = 2_500_000_000  # a status counts for this long beside later ones: two periods and a half
-REST_NS = 2_000_000_000  # without a pose in flight, before a drone is on the ground
+RIVAL_NS = 2_000_000_000  # separation is kept from the position of another story for this long after its last pose
+SILENT_NS = 500_000_000  # after this time without poses of the first story, a story with newer poses becomes the first
+SHOWN_NS = 10_000_000_000  # for this long after a proof, two senders are reported and assumed
+FRESH_NS = 2_500_000_000  # a status in flight counts for this long beside later ones: two periods and a half
+REST_NS = 2_000_000_000  # a drone is on the ground after this time with poses at rest alone
 DOWN_NS = 120_000_000_000  # by then a vehicle on a failsafe return has landed
 MAX_REST_MPS = 1.0  # apparent speed of a drone on the ground
 MAX_BOOTS = 4  # in memory
 MAX_STORIES = 4
-MIN_TURNS = 3  # from one story to another that contradicts it: a localisation that jumps, and back again, makes two
+MIN_TURNS = 3  # changes between contradictory stories that prove two senders: a localisation that jumps and back makes two
 
 
 def contradict(one: Pose, other: Pose) -> bool:
-    """Whether no vehicle can have been in both poses. Between epochs only their order is known."""
+    """Whether no vehicle can have had both poses: it would be too fast. For poses of two epochs: the later one has the earlier
+    epoch.
+    """
     if one.epoch != other.epoch:
         return (one.epoch < other.epoch) != (one.stamp_ns <= other.stamp_ns)
     doubt_m = min(SLACK_M + SIGMAS * max(map(_sigma_m, (one, other))), MAX_DOUBT_M)
@@ -52,9 +58,9 @@ def contradict(one: Pose, other: Pose) -> bool:
 
 @dataclass(slots=True)
 class Story:
-    """Poses of the last seconds, in the order of their stamps, through which one vehicle can have flown; never empty.
+    """Poses of the last seconds through which one vehicle can have flown, in the order of their stamps; never empty.
 
-    ``began_ns``: stamp of the first one ever.
+    ``began_ns``: stamp of the first pose of the story, also if that is older and not kept.
     """
 
     poses: deque[Pose]
@@ -62,7 +68,7 @@ class Story:
 
     @classmethod
     def of(cls, *poses: Pose) -> Story:
-        """Return the story of some poses, in the order of their stamps."""
+        """Return a story that consists of these poses, given in the order of their stamps."""
         return cls(deque(poses), poses[0].stamp_ns)
 
     @property
@@ -71,13 +77,13 @@ class Story:
         return self.poses[-1]
 
     def fits(self, pose: Pose) -> bool:
-        """Whether a pose is consistent with the poses before and after it."""
+        """Whether one vehicle can have flown through a pose and the poses before and after it in this story."""
         place = bisect_right(self.poses, pose.stamp_ns, key=_stamp)
         before = place == 0 or _leads(self.poses[place - 1], pose)
         return before and (place == len(self.poses) or _leads(pose, self.poses[place]))
 
     def take(self, pose: Pose) -> bool:
-        """Add a consistent pose, if it is newer than all before. Return whether it is."""
+        """Add a pose that fits, if it is newer than all others. Return whether it was added."""
         if pose.stamp_ns <= self.newest.stamp_ns:
             return False
         self.poses.append(pose)
@@ -86,9 +92,10 @@ class Story:
         return True
 
     def split(self, pose: Pose) -> Story | None:
-        """Divide the poses if an earlier epoch continues beside a later one: they are of two stories.
+        """Divide this story if a pose continues an earlier epoch of it beside a later one. Keep the poses up to the epoch of
+        ``pose``, and return the poses of later epochs as a story of their own.
 
-        Return the later part; None if the pose is not consistent with the earlier one either.
+        None, without any change, if there is nothing to divide, or if the pose does not fit the earlier part either.
         """
         earlier = [one for one in self.poses if one.epoch <= pose.epoch]
         later = [one for one in self.poses if one.epoch > pose.epoch]
@@ -100,12 +107,12 @@ class Story:
 
 @dataclass(slots=True)
 class Sources:
-    """Sources of one drone's messages. ``stories``: the first one gives its flight, unless it falls silent."""
+    """Stories under one drone's id. The first of ``stories`` counts as the drone's own flight, until it has no poses any more."""
 
     stories: list[Story] = field(default_factory=list)
     _told: Story | None = None  # the story of the last pose
     _turns_ns: deque[int] = field(default_factory=partial(deque, maxlen=MIN_TURNS))
-    _shown_ns: int | None = None  # when two sources were last seen
+    _shown_ns: int | None = None  # stamp of the last proof of two senders
     _boots_ns: dict[str, int] = field(default_factory=dict)  # stamp of the first status of each boot, in the order of the boots
     _aloft_ns: int | None = None  # stamp of the last pose of a vehicle in flight
     _rests_ns: int | None = None  # stamp of the first pose at rest since then
@@ -113,7 +120,9 @@ class Sources:
     _down_ns: int | None = None  # stamp of the last status on the ground
 
     def hear_pose(self, pose: Pose, now_ns: int) -> bool:
-        """Process a pose, whatever its stamp. Return whether it is the newest of its story."""
+        """Add a pose, whatever its stamp, to the story that it fits, or to a new one. Return whether it is the newest of its
+        story.
+        """
         if pose.in_air or hypot(*pose.velocity_mps) > MAX_REST_MPS:
             self._aloft_ns, self._rests_ns = max(pose.stamp_ns, self._aloft_ns or 0), None
         elif self._rests_ns is None:
@@ -130,7 +139,7 @@ class Sources:
         return True
 
     def hear_status(self, status: Status, now_ns: int) -> None:
-        """Process a status, whatever its stamp."""
+        """Note the boot and the stage (in flight or on the ground) of a status, whatever its stamp."""
         newest = next(reversed(self._boots_ns), status.boot)
         if status.boot != newest and status.boot in self._boots_ns and status.stamp_ns > self._boots_ns[newest]:
             self._shown_ns = now_ns  # a boot that continues after a later one
@@ -143,26 +152,32 @@ class Sources:
             self._flew_ns = max(status.stamp_ns, self._flew_ns or 0)
 
     def disowned(self, now_ns: int) -> None:
-        """Note the drone's report of messages that are not its own. The report counts until the next statuses are due."""
+        """Note that the drone reports messages under its id that it did not send. The report counts for ``FRESH_NS``, until the
+        next statuses are due.
+        """
         self._shown_ns = max(self._shown_ns or 0, now_ns - SHOWN_NS + FRESH_NS)
 
     def second_places(self, now_ns: int) -> list[Pose]:
-        """Return further possible positions of the drone, by the other stories."""
+        """Return the newest pose of each other story: further possible positions of the drone."""
         return [one.newest for one in self.stories[1:] if now_ns - one.newest.stamp_ns < RIVAL_NS]
 
     def are_two(self, now_ns: int) -> bool:
-        """Whether two sources have been evident lately."""
+        """Whether two senders were proven in the last 10 s."""
         return self._shown_ns is not None and now_ns - self._shown_ns < SHOWN_NS
 
     def is_on_ground(self, now_ns: int) -> bool:
-        """Whether a status says so, no status of the last seconds reports a flight, and the poses allow it."""
+        """Whether the drone is on the ground: a status says so, no later status and no status of the last 2.5 s reports a flight,
+        and its poses are at rest (``rests``).
+        """
         if self._down_ns is None or not self.rests(now_ns):
             return False
         flew_ns = self._flew_ns
         return flew_ns is None or (self._down_ns > flew_ns and now_ns - flew_ns >= FRESH_NS)
 
     def rests(self, now_ns: int) -> bool:
-        """Whether all poses have been at rest for seconds, or the vehicle must be down so long after its last pose in flight."""
+        """Whether all poses of the last two seconds or more were at rest, or the last pose in flight is so old that the vehicle
+        must have landed. True without any pose in flight.
+        """
         if self._aloft_ns is None or now_ns - self._aloft_ns >= DOWN_NS:
             return True
         if self._rests_ns is None:
@@ -170,14 +185,14 @@ class Sources:
         return max(one.newest.stamp_ns for one in self.stories) - self._rests_ns >= REST_NS
 
     def problem(self, drone: str, now_ns: int) -> CodedText | None:
-        """Return the line for the operator; None with one source."""
+        """Return the problem for the operator that two senders publish under this id; None without that."""
         if not self.are_two(now_ns):
             return None
         text = f"{drone}: two sources send under its id (a copied key, or an agent started twice); both are kept clear of"
         return CodedText(Code.TWO_SOURCES, text, drone)
 
     def restamp(self, by_ns: int) -> None:
-        """Correct all stamps of the drone's news by a new estimate of its clock."""
+        """Move all stamps of the drone's messages by ``by_ns``, for a better estimate of its clock."""
         for story in self.stories:
             story.poses = deque(replace(one, stamp_ns=one.stamp_ns + by_ns) for one in story.poses)
             story.began_ns += by_ns
@@ -188,7 +203,9 @@ class Sources:
         self._flew_ns, self._down_ns = _moved(self._flew_ns, by_ns), _moved(self._down_ns, by_ns)
 
     def _divided(self, pose: Pose) -> Story | None:
-        """Return the story that a pose continues, after contradictory poses are split off as a story of their own."""
+        """Return the story that a pose continues once the poses of later epochs are split off it as a story of their own; None if
+        no story can be divided so.
+        """
         for place, story in enumerate(self.stories):
             if (later := story.split(pose)) is not None:
                 self.stories.insert(place + 1, later)
@@ -197,7 +214,9 @@ class Sources:
         return None
 
     def _begun(self, pose: Pose) -> Story:
-        """Return a new story; beyond the maximum number, the story with the fewest poses ends."""
+        """Begin a new story with a pose, and return it. Stories without poses for two seconds end; beyond the maximum number, the
+        story with the fewest poses ends, too.
+        """
         story = Story.of(pose)
         self.stories[1:] = [one for one in self.stories[1:] if pose.stamp_ns - one.newest.stamp_ns < RIVAL_NS]
         if len(self.stories) >= MAX_STORIES:
@@ -206,9 +225,10 @@ class Sources:
         return story
 
     def _note_turn(self, story: Story, pose: Pose, now_ns: int) -> None:
-        """Note a change to another story; frequent changes show two sources.
+        """Note that a pose belongs to another story than the pose before it. Frequent changes between contradictory stories prove
+        two senders.
 
-        Poses from before the begin of the other story are only late.
+        A pose from before the begin of the other story is only late, and no change.
         """
         before, self._told = self._told, story
         if before is None or before is story or pose.stamp_ns <= before.began_ns:
@@ -221,9 +241,10 @@ class Sources:
 
 
 def _leads(before: Pose, after: Pose) -> bool:
-    """Whether a pose lies on the way given by the velocity of the pose before, or its localisation has reported a jump.
+    """Whether a vehicle can have flown from one pose to the next: the later one lies near the straight way given by the velocity
+    of the earlier one, with a similar velocity. Poses of two epochs only have to be in the order of the epochs.
 
-    Anywhere on that way: after a step of a clock the elapsed time is not known exactly.
+    It may lie anywhere along that way, because after a step of a clock the elapsed time is not known exactly.
     """
     if before.epoch != after.epoch:
         return before.epoch < after.epoch
@@ -245,5 +266,7 @@ def _stamp(pose: Pose) -> int:
 
 
 def _sigma_m(pose: Pose) -> float:
-    """Return the 1 sigma of a position, with the share of a wrong clock: the size of a clock step is known a moment later."""
+    """Return the 1 sigma (m) of a pose's position at its stamp, including the error by a wrong clock, whose size may not be known
+    yet just after a clock step.
+    """
     return hypot(pose.position_sigma_m, pose.clock_sigma_m)

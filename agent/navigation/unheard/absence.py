@@ -16,21 +16,22 @@ from radron.protocol.texts import CodedText
 
 
 class Absence(Struct, frozen=True):
-    """Peers without a two-way link, and the consequences for this drone; mission frame.
+    """Missing drones, which have no two-way link to this drone, and the consequences for its flight; mission frame.
 
-    missing: peers with a lost or one-way link that took part, held, or may take part. Empty while this drone returns and all
-        peers without a link returned as well.
-    unhearing: the one-way peers among ``missing``: heard, but without reception of this drone.
-    ring: index of the circle on which this drone and its network component fly; 0 is the shared one (``sides.ring_of``).
-    kept: the missing drones whose places on the circle stay free.
-    walls: the separation line to each missing drone, by id; this drone keeps to its own side.
-    alone: drones are missing, and no peer in two-way contact takes part.
-    stops: (M, 2) m, both ends of each stretch on which a vehicle may hover before its failsafe return; one-way peers included,
-        because they expect the same of this drone.
-    coming_home: missing drones whose vehicles may be on a failsafe return, and not down yet.
-    homes: keep-out places above which missing drones may descend; on the way home also the places where they may hover.
-    left: missing drones that are revoked, obey, and have climbed from the circle.
-    anywhere: missing drones without a separation line to this one, which may continue their flight at an unknown position.
+    missing: ids of drones with a lost or one-way link, or never heard, that may search, track or hold. Empty if this drone
+        returns, and the only drones without a link were returning, too, at the last contact.
+    unhearing: the one-way peers among ``missing``: this drone hears them, but they do not hear it.
+    ring: number of the circle for this drone and its network component; 0 is the innermost, which all drones share while
+        all links work (``sides.ring_of``).
+    kept: missing drones that may still be on the same circle as this drone; their places on it stay free.
+    walls: valid separation line to each missing drone, by id. This drone keeps to its own side.
+    alone: drones are missing, and no peer with a two-way link searches or tracks.
+    stops: (M, 2) m, both ends of each stretch on which a vehicle without its agent may hover before its failsafe return.
+        Includes the stops of one-way peers, because they expect such a stop of this drone.
+    coming_home: missing drones whose vehicles may be on a failsafe return, and need not have landed yet.
+    homes: keep-out discs over the homes where missing drones may descend, and over places where vehicles may hover for good.
+    left: missing drones that are revoked and reported 15 s ago or earlier that they obey: they no longer circle.
+    anywhere: missing drones without a separation line to this one that may still fly, at an unknown position.
     """
 
     missing: tuple[str, ...]
@@ -58,10 +59,12 @@ class Absence(Struct, frozen=True):
 
     @property
     def may_circle(self) -> bool:
-        """Whether a peer without a separation line may circle: until its vehicle must be down, if its agent is lost."""
+        """Whether a missing drone without a separation line may fly on a circle: its vehicle need not have landed yet."""
         return any(name not in self.walls for name in self.coming_home)
 
     def with_homes(self, homes: Sequence[KeptPlace], moved: Transform) -> Absence:
-        """Add homes as seen from another position of this drone; ``moved``: transform from there to its own position estimate."""
+        """Return this with further keep-out discs, for this drone's alternative position hypothesis. ``moved``: transform of
+        the discs from the mission frame by that hypothesis to the mission frame by the own position estimate.
+        """
         others = (replace(home, place=moved.apply_point((*home.place, 0.0))[:2]) for home in homes)
         return replace(self, homes=(*self.homes, *others))

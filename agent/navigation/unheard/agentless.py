@@ -1,8 +1,9 @@
-"""Positions of a vehicle without its agent. The autopilot stops, and follows the mission's ``safety.agent_lost``. Either it
-returns straight to the launch place, first up and then across, and lands; or it lands or holds at the stop.
+"""Possible positions of a vehicle whose agent no longer sends setpoints (a failsafe course). The autopilot stops the vehicle, and
+then follows the mission's ``safety.agent_lost``: it climbs, returns straight to the launch place and lands there; or it lands or
+holds where it stopped.
 
-The times of departure and arrival are known only within wide limits. At each time the vehicle may be anywhere between two points
-of its way. Positions are horizontal, mission frame; times in seconds since the last pose.
+The times of departure and arrival are known only within wide limits. So at each time the vehicle may be anywhere between two
+points of its way. Positions are horizontal, mission frame; times in seconds since the last pose.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ from radron.protocol.stages import DESCENDING, STEERED
 
 # Autopilot without setpoints (PX4: COM_OF_LOSS_T): flies on for a second, stops, climbs (MPC_Z_V_AUTO_UP, which preflight
 # checks; slower near the height), returns at 3 to 6 m/s (MPC_XY_CRUISE: 5), and descends at half a metre per second or
-# more. From the last setpoint to the departure, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, and 12 s for 20 m.
+# more. From the last setpoint to the departure for home, PX4 takes 4.2 s for a rise of 2 m, 8.4 s for 10 m, 12 s for 20 m.
 _GOES_ON_S, _STOPPED_S = 1.0, 3.5
 _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
-# Earliest departure after a rise of more than a metre: below all three measured, and below that of a return by the agent itself,
-# which waits in its altitude layer (``crossing.climb_s``).
+# Earliest departure after a rise of more than a metre. Earlier than all three measured ones, and than the departure of a drone
+# that its agent brings home, which waits in its altitude layer first (``crossing.climb_s``).
 _STOPS_S, _FASTEST_CLIMB_MPS, _RISE_M = 2.5, 2.2, 1.0
 # Least and greatest stopping distance, in seconds of its velocity: about ``ONWARD_S``; greatest one of a failsafe hold.
 _NEAREST_S, _FARTHEST_S, _HOLD_S = 0.5, 2.0, 2.3
 _BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # stopping distance after a hold command: v^2 / 6 + 0.6 v; MPC_ACC_HOR is 3 m/s^2
-_GAP_M = 6.0  # between two keep-out places (separation and more around each) that leave no way between them
-_LOWER_M = 12.0  # nearer to home than this the return may be lower (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
+_GAP_M = 6.0  # between the centres of two keep-out discs: no way leads between them
+_LOWER_M = 12.0  # nearer to home than this the return may be lower than the return height (PX4: RTL_MIN_DIST, RTL_CONE_ANG)
 
 
 class Stretch(Struct, frozen=True):
-    """Straight way of a vehicle: at the k-th time it is anywhere between ``back`` and ``front`` (K,), metres from the start;
-    None: anywhere on the way.
+    """Part of a straight line on which a vehicle may be at each of K times: between ``back`` and ``front`` (K,), metres from
+    ``start``. None: from ``start``, and up to ``end``.
     """
 
     start: Point2
@@ -46,7 +47,7 @@ class Stretch(Struct, frozen=True):
     front: Array | None = None
 
     def nearest(self, places: Array) -> Array:
-        """Return the points (K, 2) of the stretch nearest to places (K, 2), one for each time."""
+        """Return the points (K, 2) of the stretch, one for each time, nearest to the ``places`` (K, 2) at the same times."""
         length_m = dist(self.start, self.end)
         along = np.array([self.end[0] - self.start[0], self.end[1] - self.start[1]]) / max(length_m, 1e-9)
         least, most = (0.0 if self.back is None else self.back), (length_m if self.front is None else self.front)
@@ -56,10 +57,15 @@ class Stretch(Struct, frozen=True):
 
 
 class Course(Struct, frozen=True):
-    """Failsafe course of one vehicle: it stops somewhere on ``stop``, and stays there until ``leaves_s``; infinity: for good.
-    ``way``: from the stop to home, at the height ``cruise_m``; the vehicle departs at ``departs_s`` at the earliest, is over home
-    from ``home_from_s`` on at the earliest, and by ``arrives_s`` at the latest, and down by ``down_s``. None: no return.
-    ``goes_on_m``: least distance along ``stop`` before the vehicle stops.
+    """Failsafe course of one vehicle; times in s since the last pose, horizontal positions, mission frame.
+
+    stop: stretch on which the vehicle comes to rest, and stays.
+    leaves_s: latest time of its departure from there, or of its landing there; infinite: it holds there for good.
+    way: from the stop to home; None: no return. With None, the fields below mean nothing.
+    cruise_m: height of the return, m, in the mission frame.
+    departs_s: earliest departure. home_from_s: earliest arrival over home. arrives_s: latest arrival over home.
+    down_s: latest end of the landing at home.
+    goes_on_m: least distance from the last pose to the place of rest.
     """
 
     stop: Stretch
@@ -73,9 +79,10 @@ class Course(Struct, frozen=True):
     goes_on_m: float = 0.0
 
     def stretches(self, times: Array, below_m: Array | float, above_m: Array | float = -inf) -> list[Stretch]:
-        """Return the possible stretches at times (K,), ascending from now on; none once the vehicle must be down.
+        """Return the stretches on which the vehicle may be at K times: the stop, and the way home or the place over home.
 
-        ``below_m``, ``above_m``: heights at these times, above and below which a crossing vehicle is not in the way.
+        ``times``: (K,), ascending from now on. A vehicle on its way home above ``below_m``, or at ``above_m`` or lower, is left
+        out: it passes over or under this drone (heights in m at each time). Empty once the vehicle must have landed.
         """
         leaves_s, is_under = self._leaves_s(float(np.max(below_m))), np.broadcast_to(above_m, times.shape) < self.cruise_m
         is_met = self.way is None or bool(is_under.any())
@@ -92,12 +99,16 @@ class Course(Struct, frozen=True):
         return [*found, Stretch(start, home, back, front)]
 
     def is_over_home(self, times: Array, above_m: Array | float = -inf) -> bool:
-        """Whether the vehicle may descend over its home at one of these times; ``above_m``: as for ``stretches``."""
+        """Whether the vehicle may be over its home, or in descent there, at one of these times; ``above_m``: as for
+        ``stretches``.
+        """
         return bool(((times >= self.home_from_s) & (np.asarray(above_m) < self.cruise_m)).any())
 
     @property
     def hovers(self) -> list[Point2]:
-        """Hover places along the stop of a vehicle that stays, too near to each other for a way between them; else none."""
+        """Places along the stop, for a vehicle that holds there for good; empty for a vehicle that leaves. They are so close to
+        each other that no way home leads between them.
+        """
         (x, y), (end_x, end_y) = self.stop.start, self.stop.end
         if self.leaves_s < inf:
             return []
@@ -109,16 +120,19 @@ class Course(Struct, frozen=True):
         return (stretch.start, stretch.end) == (self.stop.start, self.stop.end)
 
     def _leaves_s(self, below_m: float) -> float:
-        """Return the latest departure for a return up to ``below_m``; a higher return has climbed out of the way by then.
+        """Return the latest time (s) at which the vehicle may still be at its stop, not higher than ``below_m``.
 
-        The departure at full height would be too late. Until then, a drone in descent below it would wait low beside its own
-        home, near circling drones that keep clear of that home only.
+        It climbs there before its return, and is out of the way above ``below_m``. The end of the whole climb would be too late:
+        until then, a drone in descent below it would wait low beside its own home, close to circling drones, which keep clear
+        of the home alone.
         """
         return max(_STOPPED_S, self.leaves_s - max(0.0, self.cruise_m - below_m) / _CLIMB_MPS) if self.way else self.leaves_s
 
     def stops(self, times: Array) -> Stretch:
-        """Return the stretch of the stop, at times as in ``stretches``. At first the vehicle flies on, and leaves its last
-        position: a follower has to brake, and not to go around.
+        """Return the stretch on which the vehicle may come to rest, at ``times`` as in ``stretches``.
+
+        In the first second the rear end of the stretch moves on by ``goes_on_m``, because the vehicle surely flies that far. So
+        a drone behind it brakes instead of flying around it.
         """
         start, end = self.stop.start, self.stop.end
         back = self.goes_on_m * np.clip(times / _GOES_ON_S, 0.0, 1.0)
@@ -137,9 +151,10 @@ class Agentless:
         self._fastest_mps = max(mission.limits.speed_mps, _FASTEST_MPS)
 
     def course(self, name: str, moves: PeerState, stage: Stage, home: Vector3, *, steered: bool = False) -> Course:
-        """Return the failsafe course from a position and velocity, mission frame, with the agent at that stage.
+        """Return the failsafe course of a vehicle from the loss of its agent on.
 
-        ``steered``: by its agent until then, according to its last pose.
+        ``moves``: its position and velocity then, mission frame; ``stage``: of its agent then; ``home``: destination of a return;
+        ``steered``: its last pose says that its agent steered it.
         """
         (_, _, z), (u, v, _) = moves.position, moves.velocity
         reaction = self._reaction(name, stage)
@@ -152,15 +167,19 @@ class Agentless:
 
     @staticmethod
     def blind_hold(moves: PeerState) -> Course:
-        """Return the course after a hold command of an agent without telemetry. The vehicle flies on until the agent notices, and
-        then brakes straight ahead.
+        """Return the course of a vehicle whose agent has no telemetry, and therefore commands a hold. The vehicle flies on until
+        the agent notices, brakes straight ahead, and holds for good. ``moves``: at the last pose, mission frame.
         """
         (x, y, _), (u, v, _) = moves.position, moves.velocity
         ahead_s = _GOES_ON_S + hypot(u, v) / _BRAKES_MPS2 + _BRAKES_LATE_S
         return Course(Stretch((x, y), (x + ahead_s * u, y + ahead_s * v)), inf)
 
     def return_of(self, name: str, moves: PeerState, home: Vector3, goes_on_m: float = 0.0) -> Course:
-        """Return the way home, up and across: flown by the autopilot if it has a home, and otherwise by the agent."""
+        """Return the course of a vehicle that returns: it stops, climbs on the spot, flies across to home and lands.
+
+        The autopilot flies it, or the agent if the autopilot has no home. ``moves``: position and velocity at the start, mission
+        frame; ``goes_on_m``: as in ``Course``.
+        """
         (x, y, z), (u, v, _) = moves.position, moves.velocity
         home_x, home_y, home_z = home
         cruise_m = max(z, home_z + self._return_m[name])
@@ -174,13 +193,15 @@ class Agentless:
         return Course(_stop(moves), leaves_s, way, cruise_m, departs_s, home_from_s, arrives_s, down_s, goes_on_m)
 
     def longest_s(self, name: str) -> float:
-        """Return the longest time to landing after an unhindered return from anywhere in the area."""
+        """Return the longest time (s) from the start of an unhindered return, anywhere in the area, to its landing."""
         home_x, home_y, _ = self._launch[name]
         way_m, cruise_m = max(dist(corner, (home_x, home_y)) for corner in self._corners), self._return_m[name]
         return _STOPPED_S + cruise_m / _CLIMB_MPS + way_m / _SLOWEST_MPS + cruise_m / _DESCENT_MPS + _DOWN_S
 
     def _reaction(self, name: str, stage: Stage) -> str:
-        """Return the reaction of the autopilot to the loss of its agent; without offboard mode, its present action."""
+        """Return what the autopilot does without its agent: "land", "hold" or "return". A vehicle that its agent does not steer
+        at this stage continues its landing or its hold.
+        """
         if stage in DESCENDING:
             return "land"
         if stage not in STEERED:
@@ -192,15 +213,17 @@ class Agentless:
         return name not in self._homeless
 
     def launch(self, name: str) -> Vector3:
-        """Launch place by the mission's layout."""
+        """Launch place (m) by the mission's layout, mission frame."""
         return self._launch[name]
 
     def home(self, name: str, pose: Pose) -> Vector3:
-        """Destination of a return, with or without the agent: as published, else by the mission's layout."""
+        """Destination of a return, mission frame: as the drone published it with its ``pose``, else its launch place by the
+        mission's layout.
+        """
         return self._launch[name] if isinstance(pose.home_m, UnsetType) else pose.home_m
 
 
 def _stop(moves: PeerState, farthest_s: float = _FARTHEST_S) -> Stretch:
-    """Return the stretch of the stop from a position and velocity."""
+    """Return the stretch on which a vehicle with this motion may come to rest: up to ``farthest_s`` of its velocity ahead."""
     (x, y, _), (u, v, _) = moves.position, moves.velocity
     return Stretch((x, y), (x + farthest_s * u, y + farthest_s * v))

@@ -15,29 +15,34 @@ from radron.agent.navigation.unheard.agentless import Course
 from radron.protocol.messages import Pose, Stage
 
 SILENT_NS = 1_000_000_000  # without a pose: ten pose periods
-# Silence beyond the usual delay: four poses are missing. The agent may be lost, and its vehicle stops soon. Behind it at 6 m/s, a
-# drone that notices only after a second cannot stop any more.
+# A peer is quiet after this time without a pose, beyond its usual delay: four poses are missing. Its agent may be lost, and then
+# its vehicle stops soon. A drone that follows at 6 m/s and notices only after a second could not stop behind it any more.
 QUIET_NS = 400_000_000
-# Tolerances for a drone on the circle, in contrast to a drone on its way there. Distance from the circle, and difference from the
-# velocity along it (or from standing on it). The latter amounts to half a metre of offset (``radron.agent.motion.encirclement``).
-# With wider ones, drones that only cross the circle at 4 to 6 m/s count as circling, and get no separation line.
+# A drone counts as on the circle within these tolerances: its distance from the circle, and the difference of its velocity from
+# a velocity along the circle, between zero and the speed of the circle. The second one allows for half a metre of offset from
+# the circle (``radron.agent.motion.encirclement``). With wider tolerances, drones that only cross the circle at 4 to 6 m/s would
+# count as circling, and get no separation line.
 ON_M, _ON_MPS = 3.0, 1.5
 _NOTICES_S = SILENT_NS * 1e-9
 
 
 class Wall(Struct, frozen=True):
-    """Separation line between this drone and a lost peer; the own side is where ``normal . p`` is at least ``offset``."""
+    """Separation line between this drone and a missing drone, mission frame. This drone's side: ``normal . p >= offset``, with
+    the unit vector ``normal`` and the offset in m.
+    """
 
     normal: Point2
     offset: float
 
     def parts_from(self, place: Point2, by_m: float = 0.0) -> bool:
-        """Whether a place lies beyond the line, by more than ``by_m``."""
+        """Whether a place lies on the other side of the line, farther than ``by_m`` from it."""
         return self.normal[0] * place[0] + self.normal[1] * place[1] < self.offset - by_m
 
 
 class Circle(Struct, frozen=True):
-    """Circle of a tracking drone, counter-clockwise at ``speed_mps`` around a moving centre; mission frame."""
+    """Circle of a tracking drone around the source, mission frame: flown counter-clockwise at ``speed_mps``, with a centre that
+    moves at ``velocity``.
+    """
 
     centre: Point2
     velocity: Point2
@@ -45,7 +50,7 @@ class Circle(Struct, frozen=True):
     speed_mps: float
 
     def has(self, one: PeerState) -> bool:
-        """Whether a drone has arrived on the circle: near it, and flying along it, standing on it, or something in between."""
+        """Whether a drone has arrived on the circle: near it, and with a speed along it between zero and ``speed_mps``."""
         dx, dy = one.position[0] - self.centre[0], one.position[1] - self.centre[1]
         u, v = one.velocity[0] - self.velocity[0], one.velocity[1] - self.velocity[1]
         far_m = max(hypot(dx, dy), 1e-6)
@@ -55,8 +60,11 @@ class Circle(Struct, frozen=True):
 
 
 class Contact(Struct, frozen=True):
-    """Last contact of two drones: the earlier of both directions. Content: the failsafe course of the peer's vehicle from there,
-    its stage, its motion, whether both tracked, and whether both were on the circle.
+    """Last contact with a peer whose link is lost or one-way: the last moment at which messages arrived in both directions.
+
+    stamp_ns: own time. course: failsafe course of the peer's vehicle from then on. stage: its stage then.
+    theirs: its position and velocity then, mission frame.
+    tracked: both drones tracked the source then. circled: both had arrived on the circle.
     """
 
     stamp_ns: int
@@ -68,7 +76,7 @@ class Contact(Struct, frozen=True):
 
 
 class LinkState(Enum):
-    """State of the link to a peer, as this drone knows it."""
+    """State of the link to another drone, as this drone knows it."""
 
     ON_GROUND = auto()
     NEVER_HEARD = auto()
@@ -78,8 +86,8 @@ class LinkState(Enum):
 
 
 def link_state(peer: Peer, listener: str, now_ns: int, *, revoked: bool) -> LinkState:
-    """Return the state of the link between a peer and the ``listener``, this drone. ``revoked``: this drone is; no peer takes its
-    messages.
+    """Return the state of the link between a peer and this drone, whose id is ``listener``. ``revoked``: this drone is revoked,
+    so no peer accepts its messages.
     """
     pose = peer.pose
     if peer.is_on_ground(now_ns):
@@ -92,29 +100,31 @@ def link_state(peer: Peer, listener: str, now_ns: int, *, revoked: bool) -> Link
 
 
 def last_contact_ns(pose: Pose, listener: str) -> int:
-    """Return the stamp of the last contact of both directions, by the newest pose of one drone: the last pose of the
-    ``listener`` that it had received by then. Both drones of a link derive the same, up to a pose period and a message's delay,
-    whichever direction fails first: one knows of its own silence, the other one is told.
+    """Return the stamp of the last contact in both directions, by a peer's newest pose. It is the stamp of the last pose of the
+    ``listener`` (this drone) that the peer had received by then, as its table of contacts reports.
+
+    Both drones of a link derive the same stamp, up to a pose period and a message's delay, whichever direction fails first.
     """
     return pose.stamp_ns - pose.silences_ns.get(listener, 0)
 
 
 def hears(pose: Pose, other: str) -> bool:
-    """Whether a drone reports with its newest pose that it receives the other one."""
+    """Whether a drone's pose reports that it has received a pose of the drone ``other`` in the last second."""
     return pose.silences_ns.get(other, SILENT_NS + 1) <= SILENT_NS
 
 
 def motion_of(pose: Pose, mission_from_theirs: Transform) -> PeerState:
-    """Return the motion of a drone by its pose, mission frame."""
+    """Return the position and velocity of a drone at its pose, in the mission frame."""
     return PeerState(mission_from_theirs.apply_point(pose.position_m), mission_from_theirs.rotate_direction(pose.velocity_mps))
 
 
 def wall_between(mine: PeerState, theirs: PeerState) -> Wall:
-    """Return the separation line of two drones by their motions at the last contact. It is half-way between their positions one
-    second later, when both notice the loss.
+    """Return the separation line of two drones. It is perpendicular to the line between their positions at the last contact, and
+    half-way between their positions one second later, when both notice the loss.
 
-    Half-way at the contact it would be too near: at 5 m/s towards it, a drone stops 2 m beyond. The line is across the direction
-    at the last contact, because the drones may have passed each other when they notice.
+    ``mine``, ``theirs``: motions at the last contact, mission frame. A line half-way between the positions at the contact would
+    be too near: at 5 m/s towards it, a drone stops 2 m beyond. The direction is that at the contact, because the drones may have
+    passed each other a second later.
     """
     (x, y, _), (u, v, _) = mine.position, mine.velocity
     (other_x, other_y, _), (other_u, other_v, _) = theirs.position, theirs.velocity

@@ -1,7 +1,8 @@
-"""Crossing of circles on which lost peers may fly, to another circle or home: in the own altitude layer, above all of them.
+"""Way across circles on which missing drones may fly, to another circle or home: above all of them, in the own altitude layer.
 
-A crossing drone climbs on the spot to its altitude layer, its autopilot's return height (``MissionConfig.return_heights_m``).
-If the lowest layer is not well above all circles, all layers are lifted. Then the drone crosses, and descends at its destination.
+A crossing drone first climbs on the spot to its altitude layer, which is the return height of its autopilot
+(``MissionConfig.return_heights_m``). Then it crosses, and descends at its destination. If the lowest layer is not well above all
+circles, all layers are higher than the return heights.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from radron.agent.geometry import Point2
 from radron.agent.motion.orbit import highest_circle_m
 
 _NEAR_M = 1.0  # tolerance for arrival at a height or on a circle
-# Home is reached when position and stopping point are within the first distance; left beyond the second one (hysteresis). The
-# stopping point counts: after an order to return, a drone on its way out at 4 m/s would fly on low for 15 m.
+# Home is reached when position and stopping point are both within the first distance of it; left beyond the second one
+# (hysteresis). The stopping point counts because a drone that flies outward over its home at 4 m/s when it is ordered to return
+# would otherwise fly on low for 15 m.
 _OVER_HOME_M, _AWAY_M = 2.0, 6.0
 _CEILING_SHARE = 0.9  # of the ceiling, from which plans keep clear: the highest altitude layer
 CLEAR_M = 5.0  # from a forbidden circle during the climb: the separation, and the margin of plans
-_CLIMBS_LATE_S = 2.0  # delay of other drones: they may notice later, and have to reach their climb rate
+_CLIMBS_LATE_S = 2.0  # for the climbs of other drones: they may notice a loss later, and need time to reach their climb rate
 
 
 def is_over_m(mission: MissionConfig, drone: str) -> float:
@@ -47,8 +49,8 @@ def crossing_height_m(mission: MissionConfig, drone: str) -> float:
 
 
 def climb_s(mission: MissionConfig, drone: str) -> float:
-    """Return the time (s) from the begin of a climb until all drones that climb, too, have passed this drone's altitude layer.
-    Earlier it stays where it climbs: neither a drone below nor above it crosses its way.
+    """Return the time (s) from the begin of this drone's climb until all drones that began to climb at the same time have passed
+    its altitude layer. Until then it stays at the place of its climb, so that it meets no climbing drone on its way.
     """
     layers_m = [crossing_height_m(mission, member.id) for member in mission.drones]
     passed_m = min(crossing_height_m(mission, drone) + mission.limits.separation_m + _NEAR_M, max(layers_m))
@@ -56,8 +58,10 @@ def climb_s(mission: MissionConfig, drone: str) -> float:
 
 
 class Crossing:
-    """Crossing of one drone. ``climbs``: a crossing is due, and the drone is too low yet; ``is_outside``: in addition, it is
-    outside all circles to be crossed; ``is_over``: it is above all circles.
+    """Way of one drone to its own circle, across the circles of missing drones.
+
+    climbs: the drone has to cross, and climbs on the spot, not high enough yet. is_outside: in addition, its way leads inward.
+    is_over: the crossing has begun, and the drone is above all circles.
     """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
@@ -71,7 +75,7 @@ class Crossing:
         self.climbs = self.is_outside = self.is_over = False
 
     def course(self, far_m: float, height_m: float, radius_m: float, taken_m: Sequence[float]) -> tuple[float, float | None]:
-        """Return the radius to fly on, and the height above the ground; None: the height of the circle.
+        """Return the radius (m) to fly on, and the height (m) above the ground; None for the height of the own circle.
 
         ``far_m``: present distance from the centre; ``height_m``: above ground; ``radius_m``: of the own circle;
         ``taken_m``: radii of the circles on which other drones may fly.
@@ -90,8 +94,10 @@ class Crossing:
 
 
 class WayHome:
-    """Return of one drone. ``climbs``: a crossing is due, and the drone is too low yet. ``comes_down``: descent from its altitude
-    layer over home, or the wait there for a free descent.
+    """Way home of one drone.
+
+    climbs: the drone has to fly in its altitude layer, and climbs on the spot, not high enough yet.
+    comes_down: it is over home, and descends from its layer, or waits there until missing drones no longer prevent the descent.
     """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
@@ -115,12 +121,20 @@ class WayHome:
         taken: bool = False,
         are_climbing: bool = False,
     ) -> tuple[Point2, float | None]:
-        """Return the destination, and the height above the ground; None: the height of the search.
+        """Return the destination, in the frame of the arguments, and the height (m) above the ground; None for the height of the
+        search.
 
-        ``here``, ``home``, and ``rest``, the stopping point: in one frame; ``unheard``: lost peers may fly anywhere on the way;
-        ``taken``: also below, at home: the drone waits above; ``are_climbing``: peers may climb through its layer still. Once in
-        its layer the drone stays there to the end, because it may be over a peer that is heard again. Over home it descends by
-        setpoints, three times as fast as autopilots land.
+        Once in its layer the drone stays there up to its home, also if no drone is missing any more: a drone with a new link may
+        be right below. Over home it descends by setpoints, three times as fast as autopilots land.
+
+        Args:
+            here: position of the drone.
+            rest: its stopping point.
+            height_m: its height above the ground.
+            home: destination of the return.
+            unheard: missing drones may fly anywhere on the way, so the drone has to fly in its layer.
+            taken: they may search around home, too: the drone waits above it.
+            are_climbing: missing drones may still climb through its layer, so it stays at the place of its climb.
         """
         self._crosses = unheard or (self._crosses and self._is_over)
         arrives = max(dist(here, home), dist(rest, home)) < _OVER_HOME_M

@@ -1,8 +1,8 @@
-"""Possible positions of a peer with a new link and a jump of its localisation meanwhile, until its frame is known.
+"""Further possible positions of a peer that is heard again after a lost link, and whose localisation has jumped meanwhile.
 
-By continuity the peer is at its last known position, or a little ahead (``localization.continuity``). After a loss of its agent,
-the vehicle may as well have been on its way home, or there, at the restart of the agent. There it waits until it is placed. A new
-loss of the link meanwhile changes nothing: a vehicle in hold stays.
+Its frame after the jump is not in the log yet. If the vehicle has not moved, the peer is at its last known position, or a little
+ahead (``localization.continuity``). But if its agent was lost and started again, the vehicle may have been on its way home then,
+or there. It waits there until its frame is known, also if the link is lost again.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from radron.agent.navigation.unheard.viewer import Viewer
 
 
 def follow(belief: PeerBelief, heard_ns: int, *, is_carried: bool) -> None:
-    """Note the silence of a peer with a new link and a frame by continuity only; else forget it.
+    """Note the silence of a peer that is heard again, if it may have returned meanwhile; forget it once its frame is in the log.
 
     Args:
-        belief: knowledge about it, as before the new link.
+        belief: knowledge about the peer; changed here.
         heard_ns: stamp of its newest pose.
-        is_carried: its frame is known by continuity only.
+        is_carried: its frame assumes that the vehicle did not jump with its localisation; the log has no frame of it yet.
     """
     if not is_carried:
         belief.silence = None
@@ -31,7 +31,10 @@ def follow(belief: PeerBelief, heard_ns: int, *, is_carried: bool) -> None:
 
 
 def further_plans(belief: PeerBelief, name: str, me: Viewer) -> list[PeerPlan]:
-    """Return the possible positions beside the one by continuity, each nearest to this drone's own plan."""
+    """Return, as obstacles, the places on the way home or over home where the peer may be; empty without such a silence.
+
+    Each obstacle is the point of the way nearest to this drone's plan.
+    """
     silent_s, courses = belief.silence or (0.0, ())
     ahead = me.way()[:, :2]
     found = []

@@ -1,4 +1,4 @@
-"""Failsafe courses of a lost peer's vehicle, if its agent is lost, by the last known data: its pose and its stage."""
+"""Possible courses of the vehicle of a lost peer, from its last pose and its last stage."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ _BLIND_NS = 1_500_000_000  # status newer than the last pose by more than this: 
 
 
 def stage_at(pose: Pose, peer: Peer) -> Stage:
-    """Return the stage at a pose of the peer; a stage in flight if none was published."""
+    """Return the peer's stage at one of its poses: for the newest pose by all messages, for an older one by the pose itself.
+    The stage of the search if none was published.
+    """
     return pose.stage if isinstance(pose.stage, Stage) and pose is not peer.pose else peer.stage or Stage.SURVEY
 
 
 def last_course(agentless: Agentless, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform) -> Course:
-    """Return the failsafe course of the vehicle from this pose on."""
+    """Return the course of the peer's vehicle if it lost its agent at this pose."""
     home = agentless.home(name, pose)
     return agentless.course(name, motion_of(pose, mission_from_theirs), stage_at(pose, peer), home, steered=pose.steered)
 
@@ -36,21 +38,22 @@ def possible_courses(
     *,
     excluded: bool,
 ) -> list[Course]:
-    """Return the possible courses of a lost peer's vehicle, by each frame: failsafe courses, and the return of a revoked drone.
+    """Return all possible courses of a lost peer's vehicle: without its agent, or with an agent that returns or holds.
 
-    Each course begins where the vehicle was last ``seen``, mission frame, or else at its last pose. A return follows the peer's
-    own localisation: with a localisation error it ends beside home. If the last pose says that the agent no longer steers, the
-    safety pilot may hold or return the vehicle, before any status reports it. If statuses continue without a pose for seconds,
-    the agent is without telemetry, and commands a hold.
+    Each course begins at the last sighting of the vehicle, or else at its last pose. The peer returns by its own localisation, so
+    a return after a jump may end beside its home. If the last pose says that the agent no longer steers, the safety pilot may
+    hold the vehicle before a status reports it. If statuses still arrive 1.5 s after the last pose, the agent has no telemetry,
+    and commands a hold.
 
     Args:
         agentless: the failsafe courses of the mission's vehicles.
-        name: its id.
+        name: id of the peer.
         peer: the last known messages of the peer.
         pose: its last pose.
-        frames: mission from its own: the frame of its flight, and the frame of its alternative position hypothesis, if any.
-        seen: its motion at the last sighting, if that is newer than its last pose.
-        excluded: it is revoked.
+        frames: transforms from the peer's local frame to the mission frame: by its continuous motion, and, after a jump of its
+            localisation, by that localisation (its alternative position hypothesis).
+        seen: its motion at the last sighting, mission frame, if that is newer than its last pose.
+        excluded: the peer is revoked, and returns in any case.
     """
     stages = _possible_stages(stage_at(pose, peer), steered=pose.steered)
     goes_home = excluded or _is_brought_home(agentless, name, peer, pose)
@@ -69,7 +72,9 @@ def possible_courses(
 
 
 def _possible_stages(stage: Stage, *, steered: bool) -> list[Stage]:
-    """Return the possible stages, the stage of the last status first; ``steered``: by its agent, according to its last pose."""
+    """Return the stages that the peer may have had at its last pose, the published one first. ``steered``: that pose says that
+    its agent steered it.
+    """
     if not steered and stage in STEERED:
         return [stage, Stage.HOLD]
     if steered and stage in (Stage.TAKEOFF, *BRAKING):  # the climb or the braking was by setpoints
@@ -78,5 +83,5 @@ def _possible_stages(stage: Stage, *, steered: bool) -> list[Stage]:
 
 
 def _is_brought_home(agentless: Agentless, name: str, peer: Peer, pose: Pose) -> bool:
-    """Whether its autopilot or the safety pilot had begun a return: that return continues, whatever the failsafe would be."""
+    """Whether the autopilot or the safety pilot had begun a return: it continues, whatever the failsafe without an agent is."""
     return stage_at(pose, peer) is Stage.RETURN and not pose.steered and agentless.has_home(name)

@@ -1,8 +1,8 @@
-"""Separation lines half-way between this drone and each peer with a lost or one-way link; each drone keeps to its own side.
+"""Separation lines: borders half-way between this drone and each drone with a lost or one-way link; each keeps to its own side.
 
-A line applies if one of the two drones, at the last contact, searched or was on its way to the circle or across it. Two drones on
-the circle change to circles of own radius instead (``sharing``). Two tracking drones, not both on the circle yet, do both. Then
-the line lasts until each has had the time to get to the circle of its network component.
+There is a line if both drones took part at the last contact, and were not both on the circle around the source. Two drones on the
+circle change to circles of different radius instead (``sharing``). Two tracking drones that were not both on the circle yet do
+both: the line ends when each has had the time to get to the circle of its network component.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ KEPT_M = 4.5  # least distance of a waypoint from the line
 
 
 class Line(NamedTuple):
-    """Separation line, the stamp of the last contact, and the validity after it."""
+    """Separation line ``wall``, the stamp of the last contact, and the time for which the line is valid from then on."""
 
     wall: Wall
     stamp_ns: int
@@ -32,16 +32,18 @@ class Line(NamedTuple):
 
 
 def tracked_line_ns(mission: MissionConfig) -> int:
-    """Return the validity of a line between two tracking drones: until each has had the time to get to its own circle."""
+    """Return the time (ns) for which a line between two tracking drones is valid after their last contact. Each needs it to
+    notice the loss, and to get to its own circle.
+    """
     return min(APART_NS, SILENT_NS + round(ring_change_s(mission) * 1e9))
 
 
 def line_of(known: Line | None, contact: Contact, tracked_ns: int, me: Viewer) -> Line | None:
-    """Return the separation line to a peer, valid or expired; ``known``: the one before.
+    """Return the separation line to a peer, valid or expired. None if both were on the circle at the last contact, or one of them
+    did not take part then.
 
-    None without a line: both were on the circle at the last contact, or one of them did not take part then (this drone may have
-    begun since). Between two drones in tracking, while this one still tracks, it ends as soon as both can be on their own circles
-    (``tracked_ns``).
+    ``known``: the line so far, None without one; ``tracked_ns``: validity of a line between two tracking drones
+    (``tracked_line_ns``); it applies while this drone still tracks. ``me``: state of this drone.
     """
     for_ns = tracked_ns if contact.tracked and me.circle is not None else APART_NS
     if known is not None and known.stamp_ns == contact.stamp_ns:

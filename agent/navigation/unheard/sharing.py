@@ -1,4 +1,8 @@
-"""Circle that a drone shares with the peers it hears: its radius and its places while other links are lost."""
+"""Circle around the source that a drone shares with its network component, while links to other drones are lost.
+
+Each network component (the drones in two-way contact) has a circle of its own, around the same source. A larger ``ring`` is a
+larger radius. This module gives the own circle, the circles of missing drones as obstacles, and the drones to space out with.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +26,17 @@ from radron.agent.navigation.unheard.crossing import CLEAR_M, Crossing
 from radron.agent.navigation.unheard.sides import is_next
 
 ROOM_M = 3.0  # between a circle and the fence
-# A lost peer follows its plan until it notices the loss. At the same time it ceases to count here. Then it brakes from its speed
-# on the circle, or on the way there: within this time, to a metre or two.
+# A lost peer follows its last plan until it notices the loss; at about the same time it counts as missing here. Then it brakes
+# from its speed on the circle, or on the way there. After this time along its plan it has stopped, to a metre or two.
 _STOPS_NS = 1_000_000_000
 _PASSES_MPS, _PASSED_M = 1.5, 8.0  # speed of passing traffic; distance outside the circle beyond which traffic is ignored
 
 
 class _Circle(NamedTuple):
-    """Circle on which a missing drone may fly, if it is the first of its network component."""
+    """Circle on which the drone ``name`` flies if it is the first of its network component, in the order of the mission.
+
+    ``ring``: number of the circle, 0 is the innermost.
+    """
 
     name: str
     ring: int
@@ -37,7 +44,11 @@ class _Circle(NamedTuple):
 
 
 class SharedCircle:
-    """Shared circle, from the view of one drone."""
+    """Circle of one drone, shared with the drones of its network component.
+
+    In all methods, ``absence``: the missing drones, and the consequences for this one; None: no drone is missing.
+    ``fits_hypothesis``: the radius of the innermost circle follows the accuracy of the source estimate (else it is fixed).
+    """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         """``drone``: the own id."""
@@ -65,12 +76,20 @@ class SharedCircle:
         *,
         climbs: bool = False,
     ) -> list[PeerPlan]:
-        """Return the next circles inside and outside of the own one on which missing drones may fly, nearest to the own plan.
+        """Return, as obstacles, the next circle inside and the next one outside of this drone's, of the circles that missing
+        drones may fly; each by its points nearest to ``ahead``. Empty while this drone crosses above all circles.
 
-        A drone that belongs on a circle inside may still be outside, and climb there before it crosses.
+        The outer obstacle may be nearer than the next circle: a drone on its way to an inner circle climbs outside of this
+        drone's circle before it crosses it.
 
-        ``ahead``: (K, 3), the own planned positions, ``step_s`` apart, local frame as the ``centre``; ``climbs``: this drone
-        climbs before its way home, and no circle is its own any more.
+        Args:
+            absence: missing drones, the circle of this drone, and the places that it keeps free.
+            now_ns: own time.
+            centre: of all circles, local frame.
+            ahead: (K, 3), the planned positions of this drone from now on, local frame.
+            step_s: time between these positions.
+            fits_hypothesis: the radius of the innermost circle follows the accuracy of the source estimate.
+            climbs: this drone climbs on the spot before its way home; then the circles next to its position count.
         """
         if self._crossing.is_over and not climbs:
             return []
@@ -82,7 +101,7 @@ class SharedCircle:
         else:
             circles = self._circles(absence, fits_hypothesis)
             within = [one for one in circles if one.ring < absence.ring][-1:]
-            # A drone outside of such a circle is on the way in.
+            # A circle that this drone still has to cross on its way inward is no obstacle; left out below, by its radius.
             around = [one for one in circles if one.ring > absence.ring][:1]
             if within:
                 clear_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis) + CLEAR_M
@@ -93,7 +112,11 @@ class SharedCircle:
         return found + [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=False) for one in around]
 
     def inner(self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, fits: bool) -> list[PeerPlan]:
-        """Return the inner circle of ``others``, for a drone clear of it that hovers, because its own circle has no room."""
+        """Return the inner obstacle of ``others``, for a drone that hovers because its own circle has no room inside the fence.
+
+        Only circles count that are smaller than the distance of the drone from the centre by the separation. Arguments as of
+        ``others``; ``fits``: its ``fits_hypothesis``.
+        """
         clear_m = _far_m(ahead, centre) - self._mission.limits.separation_m
         within = [one for one in self._circles(absence, fits) if one.ring < absence.ring and one.radius_m <= clear_m]
         return [_beside(one.name, now_ns, step_s, ahead, centre, one.radius_m, inside=True) for one in within[-1:]]
@@ -101,11 +124,11 @@ class SharedCircle:
     def middle(
         self, absence: Absence, now_ns: int, centre: Vector3, ahead: Array, step_s: float, radius_m: float
     ) -> list[PeerPlan]:
-        """Return the middle of the circle as an obstacle to a drone on it or outside, while vehicles without agents may hover
-        there.
+        """Return the middle of the circle as an obstacle to a drone on the circle or outside of it. Only while vehicles without
+        their agents may hover (``Absence.stops``); else empty.
 
-        Through the middle, two network components would meet around those vehicles, unexpected by either; outward they part.
-        ``radius_m``: of the shared circle; the other arguments as in ``others``.
+        It keeps drones from evading such a vehicle through the middle, where those of two network components would meet without
+        a link. On the outer side they part. ``radius_m``: of this drone's circle; the other arguments as of ``others``.
         """
         within_m = radius_m - CLEAR_M
         if len(absence.stops) == 0 or within_m <= 0.0 or _far_m(ahead, centre) < radius_m - ON_M:
@@ -113,11 +136,12 @@ class SharedCircle:
         return [_beside(absence.missing[0], now_ns, step_s, ahead, centre, within_m, inside=True)]
 
     def _circles(self, absence: Absence, fits_hypothesis: bool, *, kept: bool = True) -> list[_Circle]:
-        """Return the circles of missing drones, from the inner to the outer; ``kept``: with the drones of kept places.
+        """Return the circles that missing drones may fly, from the inner to the outer.
 
-        The first missing drone may fly on the shared circle as well if all drones before it have left (``sides``).
+        Left out: drones behind a separation line, revoked drones that have left, and, unless ``kept``, drones that may still be
+        on this drone's own circle. If all drones before the first missing one have left, it may also fly on circle 0 (``sides``).
         """
-        circling = set(absence.missing) - set(absence.left) - set(absence.walls)  # separation lines part this drone from the last
+        circling = set(absence.missing) - set(absence.left) - set(absence.walls)
         circling -= set() if kept else set(absence.kept)
         rings = [(index, name) for index, name in enumerate(self._names) if name in circling]
         if rings and rings[0][0] > 0 and is_next(rings[0][0], self._names, absence.left):
@@ -127,9 +151,10 @@ class SharedCircle:
     def course(
         self, absence: Absence | None, far_m: float, height_m: float, fits_hypothesis: bool
     ) -> tuple[float | None, float | None]:
-        """Return the radius and the height above ground that keep clear of missing drones; None: no constraint.
+        """Return the radius (m) of the own circle while drones are missing, and the height (m) above the ground on the way there.
 
-        ``far_m``: the own distance from the circle's centre; ``height_m``: the own height above ground.
+        Radius None: no drone is missing. Height None: that of the circle. ``far_m``: distance of this drone from the centre;
+        ``height_m``: its height above the ground.
         """
         if absence is None:
             self._crossing.end()
@@ -140,15 +165,15 @@ class SharedCircle:
 
     @property
     def climbs_outside(self) -> bool:
-        """Whether the drone climbs, before it crosses, outside of all circles."""
+        """Whether the drone climbs on the spot, outside of the circles that it crosses on its way inward."""
         return self._crossing.is_outside
 
     def lift_m(self, absence: Absence | None) -> float:
-        """Return the lift of the own circle, in m above the circle shared by all drones."""
+        """Return the height (m) of the own circle above the circle that all drones share while all links work."""
         return 0.0 if absence is None else ring_lift_m(self._mission, absence.ring)
 
     def has_room(self, absence: Absence | None, centre: Point2, fits_hypothesis: bool) -> bool:
-        """Whether the circle that keeps clear of missing drones lies inside the fence; ``centre``: mission frame."""
+        """Whether the own circle while drones are missing lies inside the fence, with a reserve; ``centre``: mission frame."""
         if absence is None:
             return True
         radius_m = ring_radius_m(self._mission, absence.ring, fits_hypothesis)
@@ -156,9 +181,11 @@ class SharedCircle:
         return inside and self._fence.exterior.distance(Point(centre)) >= radius_m + ROOM_M
 
     def stands(self, absence: Absence | None, centre: Point2, radius_m: float) -> bool:
-        """Whether the drones on the circle stop, evenly spaced: a vehicle without its agent may hover on it, and leaves soon.
+        """Whether the drones on the circle stop at their places, because a vehicle without its agent may hover on the circle, and
+        will leave soon.
 
-        Without the stop they would evade it through the middle, one after the other. ``centre``: mission frame.
+        Without this stop they would evade it through the middle, one after the other. ``centre``: mission frame; ``radius_m``: of
+        the circle.
         """
         if absence is None or len(absence.stops) == 0:
             return False
@@ -169,10 +196,10 @@ class SharedCircle:
     def is_crossed(
         self, now_ns: int, centre: Vector3, radius_m: float, others: Sequence[PeerPlan], partners: Mapping[str, PeerPlan]
     ) -> bool:
-        """Whether other drones that follow their plans, but do not circle too, fly across the circle or near it, on their way
-        home.
+        """Whether a drone that does not circle, such as one on its way home, flies across the circle or near it.
 
-        Circling drones stop until crossing traffic has passed: otherwise that traffic may carry a drone along.
+        Circling drones stop until it has passed: otherwise it may push a drone along the circle. ``others``: plans of all drones;
+        ``partners``: of the drones that share the circle; ``centre``: local frame. Drones that do not follow a plan do not count.
         """
         for plan in others:
             (x, y, _), (u, v, _) = (state := plan.state(now_ns)).position, state.velocity
@@ -190,10 +217,11 @@ class SharedCircle:
         radius_m: float,
         stands: bool = False,
     ) -> dict[str, PeerState]:
-        """Return the drones that share the circle: the heard ones, and the missing ones with a kept place.
+        """Return position and velocity of each drone that shares the circle, by id, local frame: the ``partners`` by their plans,
+        and missing drones that may still be on the circle (``Absence.kept``) as predicted from their last plans.
 
-        ``centre``: position and velocity, local frame as all positions; ``stands``: all drones on the circle stand at present,
-        and missing drones have come to rest as far along their plans as they got.
+        ``partners``: plans of the drones with a link that circle, too; ``centre``: position and velocity; ``stands``: all drones
+        on the circle stand at present. Then a missing drone has come to rest on its last plan; else it circles on.
         """
         (x, y, z), (u, v, _) = centre
         for name, plan in partners.items():
@@ -212,12 +240,16 @@ class SharedCircle:
 
 
 def _far_m(ahead: Array, centre: Vector3) -> float:
-    """Horizontal distance from the centre now, at the first of the planned positions (K, 3)."""
+    """Return the horizontal distance (m) of the first planned position of ``ahead`` (K, 3), which is that of now, from the
+    centre.
+    """
     return float(np.hypot(*(ahead[0, :2] - centre[:2])))
 
 
 def _beside(name: str, now_ns: int, step_s: float, ahead: Array, centre: Vector3, radius_m: float, *, inside: bool) -> PeerPlan:
-    """Return a plan anywhere on a circle or beyond it, nearest to positions ``ahead`` (K, 3); ``inside``: beyond is inside."""
+    """Return the obstacle of a drone anywhere on a circle or on its far side: the points of the circle nearest to the positions
+    ``ahead`` (K, 3). ``inside``: the far side is the inside of the circle; else all outside of it.
+    """
     outward = ahead[:, :2] - centre[:2]
     far = np.hypot(outward[:, 0], outward[:, 1])
     outward = outward / np.maximum(far, 1e-6)[:, None]

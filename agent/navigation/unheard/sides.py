@@ -1,4 +1,4 @@
-"""Network components, the groups of drones in two-way contact while other links are lost, and the circle of each."""
+"""Network components, which are the groups of drones in two-way contact while other links are lost, and the circle of each."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ from radron.agent.navigation.unheard.contact import SILENT_NS, hears
 
 
 def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peers, now_ns: int) -> list[str]:
-    """Return the network component of this drone, ``me``: itself and the peers with a two-way link. On the circle of one-way
-    peers, it could meet a third drone without a link to it that counts itself to the same component.
+    """Return the ids of this drone's network component: itself (``me``) and its peers with a two-way link.
 
-    A peer with a two-way link that does not take part (not in ``partners``) still belongs to the component. Otherwise the
-    component would change its circle whenever its first drone returns. Condition: that peer hears no ``missing`` drone. Otherwise
-    the missing drones would count it, too, and two components would fly on one circle.
+    ``missing``: drones without a two-way link to this one; ``partners``: peers with a two-way link that take part.
+
+    A one-way peer does not belong to it. On the circle of such a peer, this drone could meet a third drone that has no link to it
+    and belongs to the peer's component.
+
+    A peer with a two-way link that does not take part any more still belongs to it, so that the component keeps its circle when
+    its first drone returns. But not if it hears a missing drone, or is silent: then the missing drones might count it, too, and
+    two components would fly on one circle.
     """
     found = [me]
     for name in sorted(set(peers.names) - set(missing)):
@@ -26,14 +30,17 @@ def side(me: str, missing: Collection[str], partners: Sequence[str], peers: Peer
 
 
 def ring_of(members: Sequence[str], order: Sequence[str], missing: Collection[str], left: Collection[str]) -> int:
-    """Return the circle of a network component, by its first member; ``order``: all ids, in the order of the mission; ``left``:
-    missing drones that no longer circle. The shared circle, 0, if all drones before the first member have left it: no other
-    component can take it.
+    """Return the number of the circle of a network component: the place of its first member in the mission's order of drones.
+
+    Circle 0 if all drones before that member have left the circle, so that no other component can take circle 0. ``order``: all
+    ids, in the order of the mission; ``left``: missing drones that no longer circle.
     """
     first = min(map(order.index, members))
     return 0 if len(left) == len(missing) or is_next(first, order, left) else first
 
 
 def is_next(index: int, order: Sequence[str], left: Collection[str]) -> bool:
-    """Whether all drones before this index have left the circle: then the shared circle belongs to the component."""
+    """Whether all drones before this index of the mission's ``order`` have left the circle: then circle 0 belongs to the drone at
+    this index.
+    """
     return set(order[:index]) <= set(left)

@@ -1,21 +1,21 @@
-"""Possible positions of a lost peer that flew at the last contact. Separation covers them for as long as they are possible.
+"""Possible positions of a peer with a lost link that flew at the last contact. Separation is kept from all that are possible.
 
-Two causes of the silence cannot be told apart:
+Two causes of the silence cannot be distinguished:
 
-- loss of its agent: its autopilot flies (``agentless``).
-- loss of the radio alone: the peer flies on, and cannot hear this drone either. If both were on the circle, they leave for
-  circles of different radius and height (``radron.agent.motion.orbit``). Otherwise both keep to their own sides of the separation
+- loss of its agent: the autopilot flies the vehicle alone (``agentless``).
+- loss of the radio link alone: the peer flies on, and does not hear this drone either. If both were on the circle, they leave
+  for circles of different radius and height (``radron.agent.motion.orbit``). Otherwise each keeps to its side of the separation
   line, half-way between the positions at which they notice the loss (``lines``).
 
-If the peer was seen after its last pose, and is occluded now, all this begins at the last sighting (``lastseen``). The last
-pose may be minutes old, and its prediction 20 m and more beside the flight.
+If the peer was seen after its last pose, and is occluded now, its possible courses begin at the last sighting (``lastseen``). The
+last pose may be minutes old, and its prediction wrong by 20 m and more.
 
-A revoked peer that has reported obedience climbs on the spot and returns: its circle is free. Without that report it may circle
+A revoked peer that reports obedience climbs on the spot and returns: its circle becomes free. Without that report it may circle
 as before.
 
-A one-way peer, heard but without reception of this drone, expects the same of it. Therefore this drone acts as after a loss in
-both directions. It keeps to its side of the same line. On the circle it stands for as long as that peer does, and then leaves for
-its own circle. It also gives way to the peer's published plans.
+A one-way peer (heard, but it does not hear this drone) expects the same of this drone. So this drone acts as after a loss in both
+directions: it keeps to its side of the same line; on the circle it stops for as long as that peer does, and then leaves for its
+own circle. It also gives way to the peer's published plans.
 
 Positions are horizontal, mission frame.
 """
@@ -50,8 +50,10 @@ from radron.agent.navigation.unheard.wayaround import KeptPlace
 from radron.protocol.messages import Pose, Stage
 from radron.protocol.stages import CIRCLING, MAY_TAKE_PART
 
-LEFT_S = 15.0  # a vehicle that hovers for longer than this is flown around
-# A failsafe return this many times the separation above a drone, or higher, passes over it: the purpose of the altitude layers.
+# Circling drones wait for at most this long until a hovering vehicle leaves; then they fly around it. Also the time after which a
+# revoked drone that obeys has left the circle.
+LEFT_S = 15.0
+# A failsafe return this many times the separation above a drone, or higher, is no obstacle: altitude layers separate both.
 # Otherwise its way across the circle would keep drones from their places for a quarter of a minute.
 _ABOVE = 2.0
 _SIGMA_M = 0.3  # deviation from the failsafe course to the side
@@ -62,7 +64,11 @@ Links = Mapping[str, LinkState]
 
 
 class Silent:
-    """Lost and one-way peers of a mission; ``beliefs``: the knowledge about each other drone, by id."""
+    """Possible positions of the drones without a two-way link, and the consequences for this drone.
+
+    ``beliefs``: the knowledge about each other drone, by id. In all methods, ``me``: state of this drone; ``frames`` and
+    ``mission_from_theirs``: transforms from the peer's local frame.
+    """
 
     def __init__(self, mission: MissionConfig, drone: str) -> None:
         """``drone``: the own id."""
@@ -75,14 +81,18 @@ class Silent:
         self._is_over_m = is_over_m(mission, drone)
 
     def recall(self, name: str, pose: Pose, wall: Wall | None) -> None:
-        """Restore the separation line from before a restart of this agent, if any; ``pose``: the last one of the peer."""
+        """Restore the separation line to a peer from before a restart of this agent; ``pose``: the peer's last one. ``wall``
+        None: no line.
+        """
         if wall is not None:
             self.beliefs[name].line = Line(wall, last_contact_ns(pose, self._id), APART_NS)
 
     def seen(self, name: str, heard_ns: int | None, seen: PeerPlan, me: Viewer) -> bool:
-        """Note a sighting, own local frame, of a peer without a pose since ``heard_ns`` (None: never heard), and return whether
-        it may fly. Not near the ground after so long a silence that its vehicle must be down: there it would block neighbouring
-        homes for good.
+        """Note that a drone without a link is seen, and return whether it may fly.
+
+        ``heard_ns``: stamp of its last pose, None: never heard; ``seen``: its position by sightings, own local frame. It counts
+        as landed if it is seen near the ground, and its vehicle must be down after so long a silence. Otherwise it would block
+        neighbouring homes for good.
         """
         belief, place = self.beliefs[name], seen.positions[0]
         belief.kept.clear()
@@ -97,9 +107,9 @@ class Silent:
         return flies
 
     def returning(self, peers: Peers, links: Links, now_ns: int) -> tuple[str, ...]:
-        """Return the lost peers that returned at the last contact, and may still fly.
+        """Return the lost peers that were returning at the last contact, and may still fly.
 
-        They return low; this drone must not assume that they are in their altitude layers.
+        They may return at low height; this drone must not assume that they are in their altitude layers.
         """
         poses = {name: pose for name, link in links.items() if link is LinkState.LOST and (pose := peers[name].pose) is not None}
         return tuple(
@@ -109,8 +119,8 @@ class Silent:
         )
 
     def absence(self, missing: Sequence[str], partners: Sequence[str], peers: Peers, links: Links, now_ns: int) -> Absence:
-        """Return the consequences of the links to ``missing`` drones. ``partners``: two-way peers that take part; ``links``: the
-        state of each link.
+        """Return the consequences of the missing drones for this one. ``partners``: peers with a two-way link that take part;
+        ``links``: the state of the link to each other drone.
         """
         unhearing = tuple(name for name in missing if links[name] is LinkState.ONE_WAY)
         left = tuple(name for name in missing if self._has_left(name, now_ns))
@@ -118,7 +128,7 @@ class Silent:
         heard_by_others = relayed(last_ns, partners, peers)
         ring = ring_of(side(self._id, missing, partners, peers, now_ns), self._order, missing, left)
         if any(self._order.index(name) < self._order.index(self._id) for name in heard_by_others):
-            ring = self._order.index(self._id)  # the other one is in the same component, and stays
+            ring = self._order.index(self._id)  # that drone is in the same component, and keeps its circle; this one leaves it
         kept = tuple(name for name in missing if is_kept(name, last_ns[name], partners, peers, now_ns))
         lines = {name: belief.line for name, belief in sorted(self.beliefs.items())}
         walls = {name: line.wall for name, line in lines.items() if line is not None and line.holds(now_ns)}
@@ -130,7 +140,7 @@ class Silent:
         return Absence(tuple(missing), unhearing, ring, kept, walls, alone, stops, coming, self.homes, left, anywhere)
 
     def _stops(self, links: Links, now_ns: int) -> Array:
-        """Both ends of each stretch on which a vehicle may hover before it flies home without its agent; (M, 2)."""
+        """Return both ends (M, 2) of each stretch on which a vehicle without its agent may hover before it leaves."""
         contacts = [(name, self.beliefs[name].contact) for name, link in links.items() if link is LinkState.ONE_WAY]
         last = {name: (one.stamp_ns, [one.course]) for name, one in contacts if one is not None}
         ends = [
@@ -143,7 +153,7 @@ class Silent:
         return np.array(ends).reshape(-1, 2)
 
     def _coming_home(self, now_ns: int) -> tuple[str, ...]:
-        """Missing drones that may be on a failsafe return, and not down yet."""
+        """Return the lost drones whose vehicles may be on a failsafe return, and need not have landed yet."""
         return tuple(
             name
             for name, (stamp_ns, courses) in self._courses.items()
@@ -152,13 +162,13 @@ class Silent:
 
     @property
     def _courses(self) -> dict[str, tuple[int, Sequence[Course]]]:
-        """Failsafe courses of the lost drones, with the stamps of their begin; by id, sorted."""
+        """Possible failsafe courses of each lost drone, with the stamp of their begin; by id, sorted."""
         known = sorted(self.beliefs.items())
         return {name: (belief.courses_ns, belief.courses) for name, belief in known if belief.courses is not None}
 
     @property
     def homes(self) -> tuple[KeptPlace, ...]:
-        """Keep-out places on the way home, because other drones may descend or hover there; mission frame."""
+        """Keep-out discs for the way home: other drones may descend or hover there; mission frame."""
         courses = (course for _, (_, all_of_one) in self._courses.items() for course in all_of_one)
         return (*self._homes.kept, *(KeptPlace(place, _SIGMA_M) for course in courses for place in course.hovers))
 
@@ -174,11 +184,12 @@ class Silent:
         return last_contact_ns(peer.pose, self._id) if peer.pose is not None else None
 
     def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, cut_off: bool) -> bool:
-        """Whether a missing drone without a valid line to this one took part, or may have, and may still do so.
+        """Whether a missing drone without a valid separation line may still fly, at an unknown position.
 
-        By default the missing drone counts as down when its failsafe course, or a line to it, has ended. An isolated drone must
-        not assume that (``cut_off``): its silent peers may fly on. The same holds for a network component without the first
-        circle, if two or more missing drones may hear each other. It also holds for a missing drone with a link to a third drone.
+        ``cut_off``: it surely or probably flies on without a link to this drone; then only the stage counts. This holds if this
+        drone is isolated, if a third drone hears the missing drone, and in a network component without circle 0 that misses two
+        drones or more, which may hear each other. Otherwise a missing drone counts as landed once its failsafe course, or a
+        separation line to it, has ended.
         """
         belief = self.beliefs[name]
         if peer.stage is None:  # it has measured, or may have taken off before a restart of this agent; or it is revoked
@@ -190,10 +201,11 @@ class Silent:
         return cut_off or (belief.line is None and silent_s < self._agentless.longest_s(name))
 
     def plans(self, name: str, peer: Peer, pose: Pose, frames: Sequence[Transform], sigma_m: float, me: Viewer) -> list[PeerPlan]:
-        """Return the possible positions along the horizon, each nearest to this drone's own plan.
+        """Return the possible positions of a lost peer as obstacles, each by its points nearest to this drone's plan.
 
-        ``frames``: mission from its own: the frame of its flight, and the frame of its alternative position hypothesis, if any
-        (``TheirFrames.elsewhere``).
+        ``pose``: its last one; ``frames``: transforms from its local frame to the mission frame: by its continuous motion, and,
+        after a jump of its localisation, by that localisation (``TheirFrames.elsewhere``); ``sigma_m``: 1 sigma of its position
+        relative to this drone.
         """
         self.beliefs[name].kept.clear()
         wall = self._wall_now(name, peer, pose, frames[0], me)
@@ -209,7 +221,9 @@ class Silent:
     def _along(
         self, name: str, courses: list[Course], heard_ns: int, last: LastSeen | None, sigma_m: float, me: Viewer
     ) -> list[PeerPlan]:
-        """Return the possible positions on these courses since the last pose or sighting."""
+        """Return the possible positions on these courses as obstacles. ``heard_ns``: stamp of the last pose; ``last``: the last
+        sighting, if it is newer.
+        """
         since_ns = heard_ns if last is None else last.stamp_ns
         self.beliefs[name].courses_ns, self.beliefs[name].courses = since_ns, courses
         own_way, times = me.way(), me.times_since(since_ns)
@@ -218,8 +232,8 @@ class Silent:
         found = []
         stops: list[Stretch] = []  # each once: steering has room for three half-planes in each step
         for course in courses:
-            # Homes are apart. This drone, if revoked, ignores the peer's uncertainty once the peer must be at home. Otherwise
-            # that would keep it from its own home until the other drones take it to have landed.
+            # Once the peer must be at home, a revoked drone ignores the peer's position uncertainty, because homes are apart.
+            # Otherwise it would be kept from its own home for longer than the other drones expect it to be in flight.
             is_late = me.revoked and me.now_ns - heard_ns >= course.arrives_s * 1e9
             doubt_m = 0.0 if is_late else hypot(sigma_m, _SIGMA_M)
             if course.way is not None and silent_s < course.down_s:
@@ -236,12 +250,14 @@ class Silent:
         return found
 
     def stop(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> PeerPlan:
-        """Return the stop of a quiet peer in failsafe, nearest to this drone's own plan."""
+        """Return, as an obstacle, the stretch on which a quiet peer comes to rest if its agent is lost: its points nearest to
+        this drone's plan.
+        """
         course = last_course(self._agentless, name, peer, pose, mission_from_theirs)
         return me.expects(name, course.stops(me.times_since(pose.stamp_ns)).nearest(me.way()[:, :2]), _SIGMA_M)
 
     def _contact(self, name: str, peer: Peer, newest: Pose, mission_from_theirs: Transform, me: Viewer) -> Contact:
-        """Return the last contact with a lost or one-way peer, by its newest pose, unless an earlier one is known."""
+        """Return the last contact with a lost or one-way peer: the stored one, or else by its newest pose."""
         belief = self.beliefs[name]
         if belief.contact is not None:
             return belief.contact
@@ -258,8 +274,11 @@ class Silent:
     def beyond_line(
         self, name: str, peer: Peer, pose: Pose, frame: Transform | None, sigma_m: float, me: Viewer | None
     ) -> list[PeerPlan]:
-        """Return the side beyond the separation line, left to a one-way peer. ``me``, ``frame`` (mission from its own): None
-        while not known; ``sigma_m``: of its position relative to this drone.
+        """Return, as an obstacle, the other side of the separation line to a one-way peer; empty without a line, or above all low
+        flight.
+
+        ``frame``: transform from the peer's local frame to the mission frame, None while it is not known; ``sigma_m``: 1 sigma of
+        the peer's position relative to this drone; ``me``: None while the frame of this drone is not known.
         """
         contact = self.beliefs[name].contact
         if me is not None and contact is None and frame is not None and peer.stage is not None:
@@ -270,9 +289,10 @@ class Silent:
         return [] if wall is None else [me.beyond(name, wall, sigma_m)]
 
     def unknown(self, name: str, me: Viewer, *, excluded: bool) -> list[PeerPlan]:
-        """Return the possible positions of a drone never heard: revoked before the start of this agent, or out of reach since.
+        """Return, as an obstacle, the home of a drone never heard, while it may descend there; else empty.
 
-        ``excluded``: revoked; it returns whatever this drone does, and waits over home if other drones hinder it.
+        Such a drone was revoked before the start of this agent, or has been out of radio range since. ``excluded``: it is
+        revoked, returns whatever this drone does, and waits over home if other drones hinder its landing.
         """
         belief, home = self.beliefs[name], self._agentless.launch(name)
         belief.kept.clear()
@@ -284,7 +304,7 @@ class Silent:
         return found
 
     def hidden(self, name: str, me: Viewer) -> list[PeerPlan]:
-        """Return the possible positions of a drone that was never heard, but was seen in flight."""
+        """Return, as obstacles, the possible positions since the last sighting of a drone that was never heard."""
         if (last := self._last_seen(name, 0, me.epoch)) is None:
             return []
         course = self._agentless.course(name, me.in_mission(last.moves), Stage.SURVEY, self._agentless.launch(name))
@@ -293,7 +313,7 @@ class Silent:
     def _wall_now(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> Wall | None:
         """Return the separation line between this drone and a lost peer, while valid."""
         contact = self._contact(name, peer, pose, mission_from_theirs, me)
-        if me.revoked:  # no line during a return: a wait over home for its end would end among returning drones
+        if me.revoked:  # it returns without a line: while it waited over home for the end of a line, other drones would return
             self.beliefs[name].line = None
             return None
         contact = replace(contact, circled=contact.circled and me.circle is not None)
@@ -308,6 +328,8 @@ class Silent:
         return line.wall if line.holds(me.now_ns) else None
 
     def _last_seen(self, name: str, heard_ns: int, epoch: int) -> LastSeen | None:
-        """Return the last sighting after the last pose; None without such a sighting, or in another local frame."""
+        """Return the last sighting of a drone; None without one since its last pose (``heard_ns``), or if this drone's local
+        frame has changed since.
+        """
         last = self.beliefs[name].seen
         return last if last is not None and last.epoch == epoch and last.stamp_ns > heard_ns else None

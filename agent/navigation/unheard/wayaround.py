@@ -1,7 +1,7 @@
-"""Way home around keep-out discs: the homes of lost peers, which may descend there at any time, and hovering vehicles.
+"""Way home around keep-out discs: over the homes of missing drones, which may descend there at any time, and hovering vehicles.
 
-On a straight way, a drone would stop before a row of such homes, and hover until all had to be down. Before two vehicles that
-safety pilots hold side by side, it would hover until it landed there.
+Separation alone would stop a drone on a straight way before a row of such homes until all these drones must have landed. Before
+two vehicles that safety pilots hold side by side, it would hover until it had to land.
 """
 
 from __future__ import annotations
@@ -23,12 +23,14 @@ from radron.agent.motion.separation import DOUBT_SIGMAS, PeerPlan, margin_m
 
 _FENCE_M = 1.5  # margin of plans to the fence
 _QUARTER = 3  # edges of a circle's quarter
-_GRAIN_M = 0.25  # grain of the radius of a disc around the drone itself, against a new way at each step
-_HOVERS_MPS, _HOVER_GRAIN_M = 1.0, 0.5  # greatest speed of a hovering vehicle; the grain of its position, as for the radius
+_GRAIN_M = 0.25  # radii of discs that reach up to an end of the way are rounded to this: else the way changes at each step
+_HOVERS_MPS, _HOVER_GRAIN_M = 1.0, 0.5  # greatest speed of a hovering vehicle; its position is rounded to this, likewise
 
 
 class KeptPlace(Struct, frozen=True):
-    """Centre of a keep-out disc, mission frame, uncertainty relative to this drone (1 sigma), deviation of a vehicle from it."""
+    """Keep-out disc around ``place``, mission frame. ``sigma_m``: 1 sigma of the place relative to this drone; ``deviation_m``:
+    RMS deviation of a vehicle from it.
+    """
 
     place: Point2
     sigma_m: float = 0.0
@@ -36,7 +38,7 @@ class KeptPlace(Struct, frozen=True):
 
 
 def hovering(others: Sequence[PeerPlan], mission_from_local: Transform) -> list[KeptPlace]:
-    """Return the positions of hovering vehicles that give no way: held by a safety pilot, or by the autopilot alone."""
+    """Return keep-out discs around the vehicles that hover and give no way: held by a safety pilot, or by the autopilot alone."""
     found = []
     for other in others:
         if other.blind and other.measured is not None and hypot(*other.measured.velocity[:2]) < _HOVERS_MPS:
@@ -56,7 +58,7 @@ class WayAround:
         self._detours = Detours(self._room)
 
     def local(self, here: Point2, to: Point2, frame: LocalFrame, kept: Sequence[KeptPlace], deviation_m: float) -> Array:
-        """Return the same as ``way``, with all but the keep-out discs in the drone's own local frame."""
+        """Return the way as ``way`` does, but from ``here`` and ``to`` in the own local frame, and with points in that frame."""
         if not kept:
             return np.array([here, to])
         ends = frame.mission_from_local.apply(np.array([(*here, 0.0), (*to, 0.0)]))[:, :2].tolist()
@@ -65,10 +67,11 @@ class WayAround:
         return placed[:, :2]
 
     def way(self, here: Point2, there: Point2, kept: Sequence[KeptPlace], deviation_m: float) -> Array:
-        """Return the points (P, 2) of the shortest way, both ends included, mission frame; straight if the discs leave no way.
+        """Return the points (P, 2) of the shortest way around the discs, both ends included, mission frame. It is straight if the
+        discs leave no way.
 
-        The discs are as wide as the margins of plans, or up to both ends. ``deviation_m``: RMS deviation of this drone from its
-        plans.
+        The radius of a disc is the distance that plans keep from such a place; but no disc covers an end of the way.
+        ``deviation_m``: RMS deviation of this drone from its plans.
         """
         widened = 1.0 / cos(0.25 * pi / _QUARTER)  # from the inner circle of the polygon to its corners: its edges touch the disc
         circles = []
