@@ -1,4 +1,7 @@
-"""The frame of a new epoch by the continuity of the motion: a vehicle does not jump, whatever its localisation says."""
+"""Local frame after a jump of the localisation, by the continuity of the motion: the vehicle itself has not jumped.
+
+An epoch is the time between two jumps; the positions of each epoch belong to a local frame of its own.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,23 @@ import numpy as np
 from radron.agent.frames.transform import Transform
 from radron.agent.geometry import Quaternion, Vector3, yaw_of
 
-# 1 sigma of the assumptions on the two poses and the motion between them: position of each axis, and heading.
-POSES_M, POSES_RAD = 0.3, 0.03  # the two poses; a filter that was reset slides for a moment
-STAMPS_S = 0.02  # their stamps, which matter by the speed
-VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # half of the vehicles' limits
-TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # a turn rate that is known, and its change
-ANY_TURNING_RPS = 0.5  # an unknown turn rate
-# Longest straight flight assumed of a vehicle without a link. After the loss of its agent it stops, this time ahead at its
-# velocity. After the loss of the radio link alone it may have turned anywhere.
+# 1 sigma of the errors of the two poses before and after the jump, and of the motion between them, for each axis and the heading.
+POSES_M, POSES_RAD = 0.3, 0.03  # of the two poses; a localisation filter that was reset still moves for a moment
+STAMPS_S = 0.02  # of their stamps; times the speed
+VELOCITY_MPS, ACCELERATION_MPS2 = 0.2, 2.0  # of the velocity; of the acceleration, half of the vehicles' limit
+TURNING_RPS, TURNING_RPS2 = 0.1, 1.5  # of a known turn rate, and of its change
+ANY_TURNING_RPS = 0.5  # of an unknown turn rate
+# Longest straight flight that is assumed between the two poses. After the loss of its agent a vehicle stops, about so far ahead
+# at its velocity. After the loss of the radio link alone it may have turned anywhere.
 ONWARD_S = 1.5
 
 
 class Posed(Protocol):
-    """Telemetry, or the pose that a drone publishes: in the local frame of an epoch, with the localisation's own 1 sigma."""
+    """Telemetry, or a published pose: in the local frame of an epoch, with the errors (1 sigma) that the localisation states."""
 
     @property
     def stamp_ns(self) -> int:
-        """Own time."""
+        """Own time, ns."""
 
     @property
     def position_m(self) -> Vector3:
@@ -39,29 +42,30 @@ class Posed(Protocol):
 
     @property
     def quaternion(self) -> Quaternion:
-        """Local from body."""
+        """Attitude, local from body."""
 
     @property
     def position_sigma_m(self) -> float:
-        """Of the horizontal distance."""
+        """1 sigma of the horizontal position."""
 
     @property
     def yaw_sigma_rad(self) -> float:
-        """Of the heading."""
+        """1 sigma of the heading."""
 
 
 def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning_rps: float | None = None) -> Transform:
-    """Return the frame of the epoch that begins with a jump, until the log yields a better one.
+    """Return the frame (mission from local) of the epoch that begins with a jump, if the vehicle has moved on without a jump.
 
-    Its covariance is that of the old frame at the place of the jump, plus that of the motion since then. The latter grows with
-    time and speed. (For an exactly known frame it begins with that of the localisation.) Straight motion is assumed for at most
-    ``ONWARD_S``. Otherwise a hovering vehicle whose agent stood still for 9 s was expected 9 m further on, and flown into.
+    It is used until the log gives a better one. The vehicle is assumed to have flown straight on at its last velocity, for at
+    most ``ONWARD_S``: after a longer gap it has probably stopped. The covariance is that of the old frame at the place of the
+    jump, plus that of the motion since then, which grows with time and speed. For an exactly known old frame, the errors stated
+    by the localisation take the place of the former.
 
     Args:
-        mission_from_old: frame of the epoch before.
-        before: the last pose in the old epoch.
-        after: the first one in the new epoch.
-        turning_rps: rate of the heading at ``before``; None if not known.
+        mission_from_old: frame of the old epoch.
+        before: last pose in the old epoch.
+        after: first pose in the new epoch.
+        turning_rps: turn rate (rad/s) at ``before``; None if not known.
     """
     elapsed_s = max(0, after.stamp_ns - before.stamp_ns) * 1e-9
     axis_m, yaw_rad = spread(before, after, turning_rps)
@@ -77,7 +81,9 @@ def carried_on(mission_from_old: Transform, before: Posed, after: Posed, turning
 
 
 def spread(before: Posed, after: Posed, turning_rps: float | None = None) -> tuple[float, float]:
-    """1 sigma of each axis of the position (m), and of the heading (rad), that two poses and the motion between them add."""
+    """Return the 1 sigma of each axis of the position (m), and of the heading (rad), by the errors of the two poses, and by the
+    unknown motion between them. Arguments as of ``carried_on``.
+    """
     elapsed_s, speed_mps = max(0, after.stamp_ns - before.stamp_ns) * 1e-9, hypot(*before.velocity_mps)
     half_s2, turning_rps = 0.5 * elapsed_s**2, ANY_TURNING_RPS if turning_rps is None else TURNING_RPS
     place_m = hypot(POSES_M, STAMPS_S * speed_mps, VELOCITY_MPS * elapsed_s, ACCELERATION_MPS2 * half_s2)

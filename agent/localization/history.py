@@ -1,4 +1,4 @@
-"""The own poses of the last seconds: where the vehicle was, and its attitude, at the time of an event."""
+"""Telemetry of the last seconds, for the position and attitude of the vehicle at the time of an event."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from radron.agent.geometry import Quaternion, Vector3, blended, yaw_of
 from radron.agent.vehicle.interface import VehicleState
 
 HISTORY_NS = 5_000_000_000
-SLOPE_NS, SHORTEST_NS = 500_000_000, 10_000_000  # telemetry further apart, or nearer together, gives no rate
-AHEAD_NS = 300_000_000  # an event may be stamped this much later than the newest telemetry, which is still on its way
-GAP_NS = 1_000_000_000  # between telemetry further apart than this the position is not known
+SLOPE_NS, SHORTEST_NS = 500_000_000, 10_000_000  # telemetry further apart in time, or nearer together, gives no turn rate
+AHEAD_NS = 300_000_000  # an event may be this much later than the newest telemetry: newer telemetry is still on its way
+GAP_NS = 1_000_000_000  # in a longer gap of the telemetry the position is not known
 
 
 class PastPose(NamedTuple):
-    """A pose in the local frame of an epoch."""
+    """Position (m) and attitude (local from body) in the local frame of ``epoch``."""
 
     epoch: int
     position_m: Vector3
@@ -25,9 +25,10 @@ class PastPose(NamedTuple):
 
 
 class PoseHistory:
-    """Telemetry of the last seconds, interpolated at an event's time (a later pose would act as a bias of the heading).
+    """Telemetry of the last 5 s, interpolated at the time of an event. (The newest pose instead would bias the heading of a
+    turning vehicle.)
 
-    Written by the own pose alone (``radron.agent.localization.ownpose``); everybody else only asks.
+    Only ``radron.agent.localization.ownpose`` adds to it.
     """
 
     def __init__(self) -> None:
@@ -36,7 +37,7 @@ class PoseHistory:
         self._since_ns = 0  # the first telemetry after the last gap
 
     def add(self, state: VehicleState) -> None:
-        """Append telemetry, unless it is no newer than the newest."""
+        """Append telemetry; ignore it if it is not newer than the newest."""
         if self._stamps and state.stamp_ns <= self._stamps[-1]:
             return
         if not self._stamps or state.stamp_ns - self._stamps[-1] > GAP_NS:
@@ -54,7 +55,9 @@ class PoseHistory:
 
     @property
     def turning_rps(self) -> float | None:
-        """Rate of the heading by the last two states; None if of two epochs, or too near or far apart."""
+        """Turn rate (rad/s) by the last two telemetry messages; None if they are of two epochs, or too near or too far apart in
+        time.
+        """
         if len(self._states) < 2:
             return None
         before, last = self._states[-2], self._states[-1]
@@ -65,21 +68,26 @@ class PoseHistory:
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """Stamps of the oldest and the newest telemetry kept without a gap; None where there is none."""
+        """Stamps of the oldest and the newest telemetry with no gap between them; None without telemetry."""
         return (max(self._stamps[0], self._since_ns), self._stamps[-1]) if self._stamps else None
 
     def keeps(self, stamp_ns: int) -> bool:
-        """Whether that stamp is between the oldest and the newest telemetry kept."""
+        """Whether a stamp lies between the oldest and the newest telemetry kept."""
         return bool(self._stamps) and self._stamps[0] <= stamp_ns <= self._stamps[-1]
 
     def at(self, stamp_ns: int) -> VehicleState | None:
-        """The last telemetry not after ``stamp_ns`` (the oldest one, where all is later); None where there is none."""
+        """Return the last telemetry up to ``stamp_ns``, or the oldest one if all is later; None without telemetry."""
         if not self._states:
             return None
         return self._states[max(0, bisect_right(self._stamps, stamp_ns) - 1)]
 
     def pose(self, stamp_ns: int) -> tuple[Vector3, Quaternion] | None:
-        """Position and attitude at ``stamp_ns``, interpolated between neighbours of one epoch, held at the ends."""
+        """Return position and attitude at ``stamp_ns``, local frame, interpolated between two telemetry messages; None without
+        telemetry.
+
+        Between messages of two epochs, and before and after all telemetry, the nearest earlier pose (else the oldest) is
+        returned.
+        """
         if not self._states:
             return None
         place = bisect_right(self._stamps, stamp_ns)
@@ -94,7 +102,9 @@ class PoseHistory:
         return position, blended(before.quaternion, after.quaternion, part)
 
     def extrapolated(self, stamp_ns: int) -> PastPose | None:
-        """The pose at ``stamp_ns``, just after the newest telemetry at constant velocity; None if not known."""
+        """Return the pose at ``stamp_ns``. Up to 0.3 s after the newest telemetry it is extrapolated at constant velocity; None
+        later than that, and before the last gap in the telemetry.
+        """
         span_ns = self.span_ns
         if span_ns is None or not span_ns[0] <= stamp_ns <= span_ns[1] + AHEAD_NS:
             return None

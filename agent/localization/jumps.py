@@ -1,4 +1,4 @@
-"""Jumps of the localisation that the vehicle does not announce, found by comparing each position with the motion before it."""
+"""Detection of jumps of the localisation that the vehicle does not announce: each position is compared with the motion before."""
 
 from __future__ import annotations
 
@@ -12,26 +12,28 @@ from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.codes import Code
 from radron.protocol.texts import CodedText
 
-JUMP_M, JUMP_RAD = 1.0, 0.15  # corrections of a filter within one step stay below these
-HARDEST_RPS2 = 6.0  # no vehicle turns faster or slower more suddenly
-_LONGEST_S = 0.5  # telemetry further apart than this shows no turn rate
-_SHORT = 0.5  # of the step before: a shorter step shows no turn rate
+JUMP_M, JUMP_RAD = 1.0, 0.15  # ordinary corrections of a localisation filter in one step are smaller
+HARDEST_RPS2 = 6.0  # greatest change of a vehicle's turn rate in a second
+_LONGEST_S = 0.5  # telemetry further apart in time than this shows no turn rate
+_SHORT = 0.5  # a time step shorter than this share of the step before shows no turn rate
 _SIGMAS = 3.0
-_TOLD_NS = 60_000_000_000  # a jump is reported for this long
-OFTEN = 3  # jumps within SPAN_NS: such a position is not flown by until it has not jumped for CONFIRM_NS
+_TOLD_NS = 60_000_000_000  # a jump is reported to the operator for this long
+# After so many jumps within SPAN_NS the position is not trusted until it has not jumped for CONFIRM_NS.
+OFTEN = 3
 SPAN_NS = 10_000_000_000
 CONFIRM_NS = 3_000_000_000
 
 
 class JumpDetector:
-    """Distinguishes jumps from flown steps, and counts epochs of its own on top of the vehicle's.
+    """Detector of unannounced jumps in the telemetry of one vehicle. Each such jump begins an epoch, in addition to those that
+    the vehicle counts.
 
-    ``offset``: the number of epochs added; a restarted agent continues from it.
+    ``offset``: number of epochs added to the vehicle's count; a restarted agent continues with it. ``jumps``: detected so far.
     """
 
     def __init__(self, speed_mps: float, offset: int = 0, *, from_launch: bool = False) -> None:
-        """``speed_mps``: no vehicle of this swarm flies faster. ``from_launch``: the frame is that of the launch place, so that a
-        jump before it does not matter.
+        """``speed_mps``: greatest speed of the vehicles of this swarm. ``offset``: as of the former agent. ``from_launch``: the
+        local frame is set at the launch, so jumps before it do not matter.
         """
         self._speed_mps = speed_mps
         self.offset = offset
@@ -43,7 +45,9 @@ class JumpDetector:
         self.jumps = 0
 
     def take(self, state: VehicleState) -> VehicleState:
-        """The telemetry with the epoch that its position belongs to; epochs only ever grow."""
+        """Return the telemetry with the epoch to which its position belongs; epochs never decrease. After frequent jumps its
+        position is marked as not trusted.
+        """
         last, self._last = self._last, state
         self._counts = self._counts or state.armed or state.in_air
         if last is not None and self._counts:
@@ -59,15 +63,16 @@ class JumpDetector:
         return replace(state, epoch=state.epoch + self.offset) if self.offset else state
 
     def problem(self, now_ns: int) -> CodedText | None:
-        """The last jump in words; None where there was none in the last minute."""
+        """Return the problem for the operator that the localisation jumped in the last minute; None without that."""
         if not self.jumps or now_ns - self._jump_ns >= _TOLD_NS:
             return None
         return CodedText(Code.LOCALISATION_JUMP, f"its localisation {self._jump} without announcing it")
 
     def _compare(self, last: VehicleState, state: VehicleState) -> None:
-        """Compare successive telemetry. A jump is a step that differs from the integrated velocity by more than maximum speed and
-        3 sigma. In a frame with free axes it is also a turn that differs from the one before by more than vehicle and 3 sigma
-        allow.
+        """Compare two successive telemetry messages of one epoch, and begin a new epoch if the localisation has jumped.
+
+        It has jumped if the position differs from the integrated velocity by more than a flight at full speed and 3 sigma
+        explain. If the axes of the local frame may turn, also if the heading has changed by more than a turn and 3 sigma explain.
         """
         step_s = (state.stamp_ns - last.stamp_ns) * 1e-9
         expected = [
@@ -86,10 +91,10 @@ class JumpDetector:
             self._recent.append((state.stamp_ns, jump_m))
 
     def _turned_rad(self, last: VehicleState, state: VehicleState, step_s: float) -> float:
-        """Return the jump of a heading, rad; 0 if the vehicle may have turned so.
+        """Return the change of heading (rad) that a turn of the vehicle does not explain; 0 if a turn explains it.
 
-        Stamps of telemetry are uneven: the duration may be that of the step before. A turn may end at once, or become slower,
-        however fast it was. A vehicle without control spins until it hits the ground.
+        ``step_s``: time between both messages. Stamps of telemetry are uneven, so the true time may be that of the step before. A
+        turn may slow down or end at once, however fast it was. (A vehicle out of control spins until it hits the ground.)
         """
         turned_rad = remainder(yaw_of(state.quaternion) - yaw_of(last.quaternion), tau)
         before, self._turning = self._turning, (turned_rad / step_s, step_s) if step_s < _LONGEST_S else None
@@ -110,5 +115,5 @@ class JumpDetector:
 
 
 def _beyond(turned_rad: float, onward_rad: float) -> float:
-    """Return how far a turn is outside of the range from none to the unchanged rate, rad."""
+    """Return by how much (rad) a turn lies outside of the range from no turn to a turn on at the former rate, ``onward_rad``."""
     return max(0.0, min(0.0, onward_rad) - turned_rad, turned_rad - max(0.0, onward_rad))

@@ -1,4 +1,6 @@
-"""The frame of a drone that the mission knows exactly: for its first epoch by the mission, from then on by its motion."""
+"""Local frame of a drone whose frame the mission gives exactly, over jumps of its localisation: for its first epoch it is that of
+the mission, and from then on it follows from the motion.
+"""
 
 from __future__ import annotations
 
@@ -10,28 +12,32 @@ from radron.agent.frames.transform import Transform
 from radron.agent.localization.continuity import carried_on, spread
 from radron.agent.vehicle.interface import VehicleState
 
-# Two places, and two headings, nearer to each other than this are one: the error of continuity after a few jumps.
+# Two positions, or headings, that differ by less count as the same: the error of continued motion after a few jumps.
 SAME_M, SAME_RAD = 1.0, 0.1
-LARGEST_DOUBT_M = 7.0  # of its place, above which a drone leaves the mission
-NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # as much as a vehicle's driver takes for noise (``vehicle.resets``)
-_PART = 0.25  # a jump back over a gap may miss the other place by this share of the doubt, if the motion explains it
+LARGEST_DOUBT_M = 7.0  # position uncertainty (1 sigma of each axis) above which a drone leaves the mission
+NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # a smaller jump is noise, as for the driver of the vehicle (``vehicle.resets``)
+# A jump back, after a gap in the telemetry, may miss the alternative position by this share of the distance between both position
+# hypotheses, if the motion in the gap explains the miss.
+_PART = 0.25
 _SIGMAS = 3.0
-# A position that jumps may have slid away by as much until then, at any speed. After a slide at this speed, or faster, all
-# measurements of that time are taken back. After a slower slide the last part is taken back. With a lower limit more correct
-# measurements would be lost.
+# A position that jumps back to the truth may have slid away from it before, by as much as the jump, at an unknown speed. With
+# this speed the begin of the slide is estimated, and the measurements since then are taken back. After a slower slide that is
+# only the last part of it. A lower value would take back more correct measurements.
 SLIDE_MPS = 1.0
-_LONGEST_S = 30.0  # taken back at most: after a jump by hundreds of metres the position is rather wrong from then on
+_LONGEST_S = 30.0  # at most this much is taken back: after a jump by hundreds of metres, rather the new position is wrong
 
 
 class KnownFrame:
-    """An exactly known frame over jumps of the localisation.
+    """Local frame of one drone, given exactly by the mission, over jumps of its localisation.
 
-    An announced jump begins another frame, which continues the motion. An unannounced jump has two explanations that cannot be
-    distinguished. Either the position is wrong from then on, or it was wrong until then, as at the end of satellite spoofing. The
-    drone flies on by continuity. The position by its localisation is the alternative hypothesis, ``otherwise`` (None: no such
-    doubt). Measurements during a possible slide are taken back (``elsewhere``). The frame stays after an announced jump with
-    which an untrusted localisation finds its satellites again, within its stated error. It also stays without a jump, as at the
-    loss of satellites.
+    After an announced jump (a reset that the autopilot reports), the new frame follows from the continuous motion. The old frame
+    stays if the position has hardly jumped, or if a localisation without satellites finds them again within its stated error.
+
+    An unannounced jump has two explanations that cannot be distinguished: the position is wrong from then on, or it was wrong
+    until then, as at the end of satellite spoofing. The drone goes on by the first one, with the frame of the continuous motion.
+
+    otherwise: frame by the second explanation, the alternative position hypothesis; None without one.
+    elsewhere: stamps between which measurements may have wrong positions, and are taken back (``OwnPose.elsewhere``); or None.
     """
 
     def __init__(self) -> None:
@@ -41,11 +47,18 @@ class KnownFrame:
     def after_jump(
         self, old: Transform, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool
     ) -> Transform | None:
-        """Return the frame of the epoch that begins with ``vehicle``; arguments as of ``carried_on``. None after an announced
-        jump in a gap in flight that is too long for continuity: the position is unknown since then.
+        """Return the frame (mission from local) after a jump, and update the alternative position hypothesis.
 
-        ``last`` has the errors stated by the localisation, without the agent's own doubt: with it, any jump would count as a
-        correction.
+        None if the jump was announced, and telemetry was missing in flight for so long that a position by continuous motion is
+        uncertain by more than ``LARGEST_DOUBT_M``: then the position is not known any more.
+
+        Args:
+            old: frame before the jump.
+            last: last state before the jump, with the errors that the localisation states. Errors that include the distance
+                between the position hypotheses would let any jump pass for a correction.
+            vehicle: first state after the jump.
+            turning_rps: turn rate (rad/s) before the jump; None if not known.
+            announced: the vehicle has reported the jump.
         """
         onward = carried_on(_as_unsure(old, last), last, vehicle, turning_rps)
         if announced and not last.position_trusted and self._is_put_right(onward, old, last, vehicle):
@@ -60,22 +73,24 @@ class KnownFrame:
             otherwise = carried_on(_as_unsure(otherwise, last), last, vehicle, turning_rps)
         same_m, same_rad = SAME_M + min(spread_m, _PART * doubt_m), SAME_RAD + min(spread_rad, _PART * doubt_rad)
         if _apart_m(onward, otherwise, vehicle) < same_m and abs(_turned_rad(onward, otherwise)) < same_rad:
-            self.otherwise = self.elsewhere = None  # the jump has undone the previous one
+            self.otherwise = self.elsewhere = None  # this jump has undone the last one
             return otherwise
         self.otherwise = otherwise
         if not announced:
             since_ns = vehicle.stamp_ns - round(1e9 * min(_LONGEST_S, _apart_m(onward, old, vehicle) / SLIDE_MPS))
-            untold_ns = since_ns if self.elsewhere is None else self.elsewhere[0]  # of a jump since the last step
+            untold_ns = since_ns if self.elsewhere is None else self.elsewhere[0]  # of an earlier jump, not reported yet
             self.elsewhere = min(since_ns, untold_ns), vehicle.stamp_ns
         return onward
 
     def doubt_m(self, frame: Transform | None, vehicle: VehicleState) -> float:
-        """Distance between the two places where the drone may be; 0 without a doubt."""
+        """Return the horizontal distance (m) between the drone's two possible positions; 0 without an alternative. ``frame``: the
+        frame in use.
+        """
         return 0.0 if self.otherwise is None or frame is None else _apart_m(frame, self.otherwise, vehicle)
 
     def doubted(self, frame: Transform, vehicle: VehicleState) -> Transform:
-        """Return the frame with the doubt in its covariance: the RMS difference from the frame in use, as both explanations are
-        equally likely.
+        """Return the frame in use, with a covariance that includes the alternative position hypothesis: the RMS difference
+        between both, as they are equally likely.
         """
         if self.otherwise is None:
             return frame
@@ -83,7 +98,7 @@ class KnownFrame:
         return frame.blurred(vehicle.position_m, (axis_m2, axis_m2, 0.0, 0.5 * turned_rad**2))
 
     def stated(self, frame: Transform | None, vehicle: VehicleState) -> VehicleState:
-        """Telemetry with the doubt in its errors."""
+        """Return the telemetry with errors (1 sigma) that include the alternative position hypothesis."""
         if self.otherwise is None or frame is None:
             return vehicle
         position_m = hypot(vehicle.position_sigma_m, self.doubt_m(frame, vehicle) / sqrt(2.0))
@@ -100,16 +115,18 @@ class KnownFrame:
 
 
 def _as_unsure(frame: Transform, last: VehicleState) -> Transform:
-    """A frame that was carried on, with what its localisation has come to state as its error since then."""
+    """Return the frame with a covariance raised to the errors that the localisation states at ``last``. An exactly known frame is
+    returned as it is.
+    """
     if frame.covariance is None:
-        return frame  # to which ``carried_on`` adds all of that
+        return frame  # ``carried_on`` adds these errors itself
     place_m, yaw_rad = frame.sigmas_at(last.position_m)
     axis_m2 = 0.5 * max(0.0, last.position_sigma_m**2 - place_m**2)
     return frame.blurred(last.position_m, (axis_m2, axis_m2, 0.0, max(0.0, last.yaw_sigma_rad**2 - yaw_rad**2)))
 
 
 def _apart_m(one: Transform, other: Transform, vehicle: VehicleState) -> float:
-    """Horizontal distance between the places of a vehicle by two frames of its epoch."""
+    """Return the horizontal distance (m) between the positions of a vehicle by two frames of its epoch."""
     return dist(one.apply_point(vehicle.position_m)[:2], other.apply_point(vehicle.position_m)[:2])
 
 

@@ -1,10 +1,11 @@
-"""The own local frames, one for each epoch, in the mission frame: by the log, by continuity, or as known before.
+"""Local frames of this drone in the mission frame, one for each epoch: by the log, by continuous motion, or as known before.
 
-A jump of the localisation does not move the drone. Until the log yields an estimate of the new epoch's frame, the frame that
-continues the motion is used (``radron.agent.localization.continuity``). After a restart of the agent, or if none of its entries
-counts any more, the frame known before is used. All of these drift. A frame that the mission gives exactly is known so for its
-first epoch only (``radron.agent.localization.knownframe``). Later frames are published with their measurements (``carried``), so
-that all drones place these alike.
+A jump of the localisation does not move the drone. Until the log gives the frame of the new epoch, the frame by continuous motion
+is used (``radron.agent.localization.continuity``). After a restart of the agent, or if its log entries do not count any more, the
+last known frame is used. The uncertainty of all of these grows with time.
+
+A frame that the mission gives exactly is exact for the first epoch only (``radron.agent.localization.knownframe``). Later frames
+are published together with the measurements (``carried``), so that all drones use the same ones.
 """
 
 from __future__ import annotations
@@ -22,31 +23,34 @@ from radron.agent.localization.untold import Untold
 from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.entries import CarriedFrame
 
-_EPOCHS_KEPT = 8  # entries of an epoch may be made some seconds after it
+_EPOCHS_KEPT = 8  # log entries of an epoch may be made some seconds after its end
 
 
 class OwnFrames:
-    """The local frames of one drone, by epoch; transforms are mission from local.
+    """Local frames of one drone, by epoch; transforms are mission from local.
 
-    ``is_estimated``: they are estimated from the log, and may jump. ``known``: what becomes of a frame that the mission knows
-    exactly. ``is_left_out``: this drone's measurements count no more, so the log yields no frame.
+    is_estimated: the frames are estimated from the log, and not given by the mission. is_left_out: this drone's log entries do
+    not
+        count any more, so the log gives no frame. known: a frame given by the mission, over jumps.
     """
 
     def __init__(self, member: DroneInMission, frames: FrameGraph, drift: Drift) -> None:
-        """``member``: this drone in the mission's launch layout; ``frames``: of all drones, by the log; ``drift``: of frames
-        without an estimate by the log.
+        """``member``: this drone in the mission's launch layout; ``frames``: of all drones, by the log; ``drift``: growth of the
+        uncertainty of a frame that the log does not give.
         """
         self.is_estimated = not member.is_exact
         self.is_left_out = False
         self.known = KnownFrame()
         self._drone, self._frames, self._drift = member.id, frames, drift
-        self._continued: Untold | None = None  # by continuity
-        self._kept: Untold | None = None  # from before a restart, or from before this drone was left out
-        self._carried: dict[int, CarriedFrame] = {}  # of the last epochs
+        self._continued: Untold | None = None  # frame by continuous motion since a jump
+        self._kept: Untold | None = None  # frame from before a restart, or from before this drone's entries ceased to count
+        self._carried: dict[int, CarriedFrame] = {}  # published frames of the last epochs
 
     def jump(self, epoch: int, last: VehicleState, vehicle: VehicleState, turning_rps: float | None, *, announced: bool) -> None:
-        """Begin the epoch of ``vehicle``: it has flown on, whatever its localisation says. ``last``: of ``epoch``, as stated by
-        the localisation; ``turning_rps``: by its telemetry before; ``announced``: by the localisation itself.
+        """Begin the epoch of ``vehicle``, the first telemetry after a jump.
+
+        ``epoch``: the one before the jump; ``last``: its last telemetry, with the errors that the localisation states;
+        ``turning_rps``: turn rate (rad/s) then, None if not known; ``announced``: the vehicle has reported the jump.
         """
         old = self.undoubted(epoch)
         if old is None:
@@ -59,7 +63,9 @@ class OwnFrames:
         self._continued = None if frame is None else Untold(vehicle.epoch, frame, vehicle.stamp_ns)
 
     def take(self, vehicle: VehicleState) -> VehicleState:
-        """Take telemetry, after the jump that it may show; returns it with the doubt of the frame in its errors."""
+        """Process telemetry, after ``jump`` if it shows one. Return it with errors that include the alternative position
+        hypothesis.
+        """
         if self._continued is not None and not self._is_told(self._continued.epoch):
             self._continued = self._continued.drifted(self._drone, vehicle, self._drift)
         self._kept = self._kept_at(vehicle)
@@ -67,15 +73,17 @@ class OwnFrames:
         return self.known.stated(self.at(vehicle.epoch), vehicle)
 
     def left_out(self, vehicle: VehicleState | None) -> None:
-        """Continue with the last frame: this drone's measurements do not count any more. ``vehicle``: its newest telemetry, if
-        any.
+        """Keep the last frame from now on, because this drone's log entries do not count any more. ``vehicle``: its newest
+        telemetry, if any.
         """
         self.is_left_out = True
         if vehicle is not None:
             self._kept = self._kept_at(vehicle)
 
     def remember(self, kept: KeptFrame, vehicle: VehicleState | None) -> None:
-        """Take the plausible frame stored before a restart; ``vehicle``: the newest telemetry, if any."""
+        """Restore the frame stored before a restart of the agent, already checked to be plausible; ``vehicle``: the newest
+        telemetry, if any.
+        """
         transform = kept.mission_from_local
         assert transform is not None  # plausible
         untold = Untold(kept.epoch, transform, kept.stamp_ns)
@@ -88,9 +96,7 @@ class OwnFrames:
             self.known.otherwise = None if kept.otherwise is None else kept.otherwise.mission_from_local
 
     def at(self, epoch: int, stamp_ns: int | None = None) -> Transform | None:
-        """The frame of an epoch; ``stamp_ns``: as it was at that stamp of the log (UTC), None: now. None while it is not
-        known.
-        """
+        """Return the frame of an epoch at a stamp of the log (UTC; None: now); None while it is not known."""
         known = self._frames.mission_from_local(self._drone, epoch, stamp_ns)
         if known is not None:
             return known
@@ -98,19 +104,25 @@ class OwnFrames:
         return None if untold is None else untold.transform
 
     def undoubted(self, epoch: int) -> Transform | None:
-        """Return the frame of an epoch without the doubt that the published covariance of a continued frame includes."""
+        """Return the frame of an epoch, with a covariance that does not include an alternative position hypothesis; None while it
+        is not known.
+        """
         continued = self._continued
         if not self.is_estimated and continued is not None and continued.epoch == epoch:
             return continued.transform
         return self.at(epoch)
 
     def surest(self, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Transform, float] | None:
-        """Return the frame by the log alone in which a place is known best, and its 1 sigma (m); None until the log yields it."""
+        """Return the frame by the log alone that gives a place with the least uncertainty, and the 1 sigma (m) of that place.
+        None until the log gives it.
+
+        ``position_m``: the place in the local frame of ``epoch``, where the drone was at the stamp (UTC).
+        """
         return self._frames.surest(self._drone, epoch, stamp_ns, position_m)
 
     def carried(self, epoch: int) -> CarriedFrame | None:
-        """Return the frame of a recent epoch in the launch frame, for a drone whose frame the mission gives exactly; None for the
-        launch frame itself, and for an estimated one.
+        """Return the frame of a recent epoch relative to the launch frame, as published with measurements, for a drone whose
+        frame the mission gives exactly. None for the launch frame itself, and for an estimated frame.
         """
         return self._carried.get(epoch)
 
@@ -126,7 +138,9 @@ class OwnFrames:
         return self._kept.drifted(self._drone, vehicle, self._drift)
 
     def _tell_carried(self, vehicle: VehicleState) -> None:
-        """Note the frame to publish from now on, if it is not the launch frame, with the doubt in its covariance."""
+        """Note the frame to be published with the measurements of this epoch, unless it is the launch frame. Its covariance
+        includes an alternative position hypothesis.
+        """
         continued = self._continued
         if self.is_estimated or continued is None or continued.epoch != vehicle.epoch or vehicle.epoch in self._carried:
             return

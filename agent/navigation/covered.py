@@ -1,8 +1,10 @@
-"""Area covered by the swarm, updated in small portions: the cost of a step does not depend on the published entries.
+"""Area covered by the swarm, from the coverage entries of the log. It is updated in small portions, so that the cost of a step is
+bounded, however many entries arrive.
 
-Each drone's swaths are united in windows of time, windows in pairs, and so on up to the whole mission. So a new entry changes a
-few shapes of bounded size. Once the work is complete, the result is a function of the entries alone. Per drone and window only
-the first ``MOST_ENTRIES`` count. An entry that no drone of this mission can have flown does not count at all.
+A swath is the strip along a flown path that counts as searched. Each drone's swaths are united in windows of time, the windows in
+pairs, and so on up to the whole mission. So a new entry changes a few shapes of bounded size. Once the work is complete, the
+result depends on the entries alone, not on their order. Of each drone and window only the first ``MOST_ENTRIES`` count. An entry
+that no drone of this mission can have flown does not count at all.
 """
 
 from __future__ import annotations
@@ -25,10 +27,10 @@ WINDOW_NS = 20_000_000_000
 MOST_ENTRIES = 8  # per drone and window: one each 5 s, and some more at jumps of its frame and restarts of its agent
 MOST_WINDOWS = 4_320  # per drone: a day
 _LEVELS = 13  # 2^13 windows: all of a day, from any first window
-_TANGLED = 3.0  # ratio of a path's length to its extent above which only some of its points count
+_TANGLED = 3.0  # a path longer than this times its extent crosses itself often: only some of its points count
 _FEW_POINTS = 12
 _TOLERANCE, _COARSE = 0.003, 0.05  # shares of the swath: simplification of shapes, and of shapes above MOST_POINTS
-_CHEAP = 0.05  # cost of a shape that is passed on, relative to the union of two
+_CHEAP = 0.05  # cost of a shape that is taken over unchanged, relative to the union of two shapes
 
 Path: TypeAlias = NDArray[np.float64]  # (K, 2), mission frame
 Area: TypeAlias = Polygon | MultiPolygon
@@ -36,7 +38,12 @@ Area: TypeAlias = Polygon | MultiPolygon
 
 @dataclass(slots=True)
 class _Drone:
-    """Coverage of one drone: entries by window in the order of their identities, and shapes by level and number."""
+    """Coverage of one drone.
+
+    windows: entries of each window of time, in the order of their identities. shapes: united area by level and number; at level 0
+        the number is the window, at the next level half of it, and so on. stale: numbers to be computed anew, by level.
+    newest: the entry with the greatest identity.
+    """
 
     windows: dict[int, list[tuple[EntryId, Coverage]]] = field(default_factory=dict)
     shapes: dict[tuple[int, int], Area] = field(default_factory=dict)
@@ -50,10 +57,10 @@ class _Drone:
 
 
 class Covered:
-    """The union of all swaths, by drone.
+    """Area covered by all drones.
 
-    ``path_of``: an entry's path in the mission frame; None while its frame is not known. ``swath_m``: width of all swaths, by
-    the mission. ``longest_m``: longest way of a drone between two entries.
+    ``path_of``: returns an entry's path in the mission frame, None while its frame is not known; ``swath_m``: width of all
+    swaths, by the mission; ``longest_m``: longest path that one entry can have.
     """
 
     def __init__(self, path_of: Callable[[Coverage], Path | None], swath_m: float, longest_m: float) -> None:
@@ -64,7 +71,7 @@ class Covered:
         self._turn = 0
 
     def begin(self, since_ns: int) -> None:
-        """Count only entries measured from this stamp on: areas searched before may hold the source by now."""
+        """Count only entries stamped from ``since_ns`` on: a source may have come into an area that was searched earlier."""
         self._since_ns = since_ns
         kept = [entry for drone in self._drones.values() for held in drone.windows.values() for _, entry in held]
         self._drones = {}
@@ -72,7 +79,7 @@ class Covered:
             self.take(entry)
 
     def take(self, entry: Coverage) -> None:
-        """Add an entry of the log, in any order; an entry of the same identity is replaced."""
+        """Add a coverage entry of the log; the order does not matter. It replaces an entry with the same identity."""
         if entry.stamp_ns < self._since_ns or not self._plausible(entry):
             return
         drone, window = self._drones.setdefault(entry.drone, _Drone()), entry.stamp_ns // WINDOW_NS
@@ -90,19 +97,19 @@ class Covered:
         drone.stale[0].add(window)
 
     def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
-        """Count only these entries of a drone, and later additions."""
+        """Replace all coverage of a drone by these entries."""
         self._drones.pop(drone, None)
         for entry in entries:
             self.take(entry)
 
     def moved(self, drone: str, from_ns: int) -> None:
-        """Note a change of a drone's frame from that stamp on."""
+        """Note that the estimate of a drone's frame has changed for stamps from ``from_ns`` on."""
         found = self._drones.get(drone)
         if found is not None:
             found.stale[0].update(window for window in found.windows if window >= from_ns // WINDOW_NS)
 
     def work(self, portion: float) -> None:
-        """Update so many shapes, of one drone after the other; each takes a millisecond or two."""
+        """Update about ``portion`` shapes, of one drone after the other; each takes a millisecond or two."""
         names = sorted(self._drones)
         idle = 0
         while portion > 0.0 and idle < len(names):
@@ -113,28 +120,28 @@ class Covered:
 
     @property
     def pending(self) -> bool:
-        """Whether there is work left."""
+        """Whether coverage is left that ``area`` does not account for yet."""
         return any(level for drone in self._drones.values() for level in drone.stale)
 
     @property
     def area(self) -> Area:
-        """The covered area, as far as the work is complete."""
+        """The covered area, mission frame, as far as it has been computed."""
         found: Area = shapely.union_all([self._drones[name].whole for name in sorted(self._drones)])
         return found
 
     def end(self, drone: str) -> tuple[float, float] | None:
-        """Return the end of a drone's newest path; None without a path, or while its frame is not known."""
+        """Return the last point of a drone's newest path, mission frame; None without a path, or while its frame is not known."""
         found = self._drones.get(drone)
         path = self._path_of(found.newest[1]) if found is not None and found.newest is not None else None
         return (float(path[-1, 0]), float(path[-1, 1])) if path is not None else None
 
     def _plausible(self, entry: Coverage) -> bool:
-        """Whether a drone of this mission can have flown it: its points are a metre apart."""
+        """Whether a drone of this mission can have flown the entry's path, by its width, its length, and points a metre apart."""
         length_m = sum(math.dist(one, other) for one, other in zip(entry.path_m, entry.path_m[1:], strict=False))
         return abs(entry.swath_m - self._swath_m) < 1e-6 and length_m <= self._longest_m and len(entry.path_m) <= length_m + 2.0
 
     def _renew(self, drone: _Drone) -> float:
-        """Compute one shape anew, from the windows upwards. Return the cost; 0 if all are up to date."""
+        """Compute one outdated shape of a drone, those of windows first. Return the cost, in shapes; 0 if none is outdated."""
         level = next((level for level, stale in enumerate(drone.stale) if stale), None)
         if level is None:
             return 0.0
@@ -163,7 +170,7 @@ class Covered:
 
 
 def _untangled(path: Path) -> Path:
-    """Return the path; for a path to and fro, a few points only, because the cost of its shape grows with its crossings."""
+    """Return the path, or a few of its points if it often crosses itself: the cost of its shape grows with the crossings."""
     steps = np.diff(path, axis=0)
     extent_m = float(np.hypot(*np.ptp(path, axis=0)))
     if len(path) <= _FEW_POINTS or float(np.hypot(*steps.T).sum()) <= _TANGLED * extent_m:

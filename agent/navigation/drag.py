@@ -1,11 +1,11 @@
-"""Identification of the drag from the tilt: thrust without an effect on the velocity is lost to the air.
+"""Identification of a multirotor's drag from its tilt: thrust that does not change the velocity overcomes the drag.
 
 Over a short time T in level flight, horizontally
 
     change of velocity - integral of g tan(tilt) dt = -D (way) + c T + noise,
 
-D: drag per velocity (1/s), c: wind times D plus accelerometer bias (m/s2). A Kalman filter of the state (D, c_x, c_y). Commands
-are no input: the result is independent of the pilot or autopilot, its gains, and the state of its integrators.
+D: drag per velocity (1/s), c: wind times D plus accelerometer bias (m/s2). A Kalman filter estimates the state (D, c_x, c_y).
+Commands are no input, so the result does not depend on the pilot or autopilot, its gains, or its integrators.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from math import hypot, sqrt
 from radron.agent.vehicle.interface import VehicleState
 
 GRAVITY_MPS2 = 9.80665
-_PART_S = 0.5  # duration of flight for one measurement: long against attitude noise, short against manoeuvres
+_PART_S = 0.5  # duration T of one measurement: long enough to average attitude noise, short compared with manoeuvres
 _GAP_S = 0.25  # longer gaps in telemetry interrupt the integral
 _STEEPEST = 0.5  # cosine of the largest tilt of level flight
 _VELOCITY_NOISE_MPS = 0.15  # 1 sigma of a change of velocity in that time; errors of 0.3 m/s are correlated over seconds
-_SLOWEST_MPS = 1.0  # below it, drift of the estimate would pass for motion: the drag is not updated
+_SLOWEST_MPS = 1.0  # below this speed the drag is not updated: drift of the position estimate would count as motion
 _DRAG_SIGMA_PS = 0.4  # prior 1 sigma of the drone file's value
-_DRAG_WALK_PS = 0.02  # random walk: the drag grows with the speed
+_DRAG_WALK_PS = 0.02  # random walk of the drag in 1 s, because the drag also depends on the speed
 _CONSTANT_SIGMA_MPS2 = 1.0  # wind of some m/s
 _CONSTANT_WALK_MPS2 = 0.1
-_GATE = 16.0  # squared innovation against its variance: above it, a measurement is an outlier
+_GATE = 16.0  # a measurement whose squared innovation exceeds its variance by this factor is an outlier
 _MISFIT_PARTS = 20.0  # the misfit is averaged over this many measurements
 _MISFIT, _MISFIT_AGAIN = 5.0, 2.5  # mean normalised squared innovation (1) beyond which the model fails; and fits again
 _LEAST_PS, _MOST_PS = -0.1, 3.0  # range of a multirotor's drag
 
 
 class DragFilter:
-    """Estimates the drag of one vehicle: ``drag_ps`` with 1 sigma ``sigma_ps``."""
+    """Kalman filter of the drag of one vehicle: ``drag_ps`` (1/s), with the 1 sigma ``sigma_ps``."""
 
     def __init__(self, drag_ps: float, sigma_ps: float = _DRAG_SIGMA_PS, walk_ps: float = _DRAG_WALK_PS) -> None:
-        """Set the prior with its 1 sigma, and the random walk of the drag in 1 s (it grows with the root of the time)."""
+        """``drag_ps``, ``sigma_ps``: prior of the drag and its 1 sigma; ``walk_ps``: random walk of the drag in 1 s."""
         self._walk_square = walk_ps**2
         self._state = [drag_ps, 0.0, 0.0]
         square = _CONSTANT_SIGMA_MPS2**2
@@ -48,21 +48,23 @@ class DragFilter:
 
     @property
     def drag_ps(self) -> float:
-        """The estimate."""
+        """Estimated drag, 1/s."""
         return self._state[0]
 
     @property
     def sigma_ps(self) -> float:
-        """1 sigma of it."""
+        """1 sigma of the drag, 1/s."""
         return sqrt(self._covariance[0][0])
 
     @property
     def fits(self) -> bool:
-        """Whether tilt and motion fit the model of a multirotor."""
+        """Whether tilt and motion fit the model of a multirotor, with a drag within the usual range."""
         return self._fits and _LEAST_PS <= self._state[0] <= _MOST_PS
 
     def interrupt(self, turned: bool = False) -> None:
-        """Note a gap before the next telemetry. ``turned``: the frame's axes have changed, too."""
+        """Note that the next telemetry does not continue the last one. ``turned``: the axes of its local frame are others, too,
+        so wind and bias are unknown again.
+        """
         self._begun = self._last = None
         if turned:
             square = _CONSTANT_SIGMA_MPS2**2
@@ -71,7 +73,7 @@ class DragFilter:
             self._state[1] = self._state[2] = 0.0
 
     def follow(self, vehicle: VehicleState) -> None:
-        """Process telemetry of the flight."""
+        """Process telemetry of a vehicle in flight; after each half second, update the filter."""
         thrust = horizontal_thrust(vehicle.quaternion)
         last = self._last
         follows = last is None or vehicle.stamp_ns - last.stamp_ns <= _GAP_S * 1e9
@@ -106,7 +108,11 @@ class DragFilter:
             self._update((-ways[axis], duration_s * (1 - axis), duration_s * axis), gained, moves)
 
     def _update(self, row: tuple[float, float, float], measured: float, moves: bool) -> None:
-        """Apply a scalar Kalman update; ``moves``: the drag is updated, too."""
+        """Update the filter with one scalar measurement.
+
+        ``row``: its derivatives with respect to the state; ``measured``: its value, m/s; ``moves``: the drag is updated, too, and
+        not wind and bias alone.
+        """
         state, covariance = self._state, self._covariance
         gain = [sum(entry * part for entry, part in zip(line, row, strict=True)) for line in covariance]
         variance = sum(part * entry for part, entry in zip(row, gain, strict=True)) + _VELOCITY_NOISE_MPS**2
@@ -126,7 +132,9 @@ class DragFilter:
 
 
 def horizontal_thrust(quaternion: tuple[float, float, float, float]) -> tuple[float, float] | None:
-    """Return the horizontal acceleration by the thrust of a level flight with this attitude; None if it is too steep."""
+    """Return the horizontal acceleration (m/s2, local frame) by the thrust of a vehicle at constant height with this attitude;
+    None if the tilt is too large for that.
+    """
     w, x, y, z = quaternion
     up = 1.0 - 2.0 * (x * x + y * y)
     if up < _STEEPEST:

@@ -1,6 +1,6 @@
-"""Choice among several sources: the source to circle, and verification passes over a source that may move.
+"""Choice of the source that the swarm circles, among several ones, or of a place for a verification pass.
 
-The choice follows from the hypothesis alone, so drones with equal logs choose alike.
+The choice follows from the source estimate alone, so drones with equal logs choose alike.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from radron.agent.fusion.estimator import Hypothesis
 
 
 def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis | None:
-    """Return the source to circle; a single source is the hypothesis itself.
+    """Return the source to circle, without the others; None without a source estimate.
 
-    Each source has turns of ``track.each_s`` with every drone. The source with the fewest turns comes first; among equals, the
-    source whose turn has begun. The policy begins when each source has had one turn. A verification pass over a source that may
-    move precedes all of this.
+    A verification pass (a flight to check whether a source moves) comes before everything else. A turn is the time
+    ``track.each_s`` for which the swarm circles one source. The source with the fewest turns comes first; among equals, that
+    whose turn has begun. When each source has had a turn, the policy of the mission applies (``track.policy``).
     """
     if hypothesis is not None and hypothesis.look is not None:
         return replace(hypothesis.look, evidence=hypothesis.evidence, others=())
@@ -33,20 +33,20 @@ def focus(hypothesis: Hypothesis | None, mission: MissionConfig) -> Hypothesis |
 
 
 def looks(hypothesis: Hypothesis | None) -> bool:
-    """Whether a source may move, and verification passes go on until that is clear."""
+    """Whether a verification pass is under way: a source may move, and that has to be checked."""
     return hypothesis is not None and hypothesis.look is not None
 
 
 def have_had_turns(hypothesis: Hypothesis, mission: MissionConfig) -> bool:
-    """Whether each source has had a turn."""
+    """Whether each source has been circled for a whole turn."""
     return min(_turns(hypothesis, mission)) > 0
 
 
 def is_in_second_half(source: Hypothesis, mission: MissionConfig) -> bool:
-    """Whether the present turn of a circled source is half over; never without turns."""
+    """Whether the present turn around a source is half over; False if the source has no turns."""
     return source.watched_s is not None and source.watched_s / mission.turn_s % 1.0 >= 0.5
 
 
 def _turns(hypothesis: Hypothesis, mission: MissionConfig) -> list[int]:
-    """Return the number of turns of the hypothesis and of each other source."""
+    """Return the number of completed turns of each source: of the hypothesis first, then of the others."""
     return [int((one.watched_s or 0.0) / mission.turn_s) for one in (hypothesis, *hypothesis.others)]

@@ -1,4 +1,4 @@
-"""Reference for the tracker, and heading, in each stage, in the drone's own local frame."""
+"""Reference path for the tracker, and heading, of one drone in each stage; in its own local frame."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ from radron.agent.navigation.unheard.wayaround import WayAround, hovering
 from radron.protocol.messages import Stage
 from radron.protocol.stages import BRAKING
 
-# A drone with an unknown frame waits in place, and after a while on a small circle. Reason: ranges alone give no heading of a
-# peer without own motion. With bearings alone, two such drones could circle towards each other: each begins away from the other.
+# A drone with an unknown frame waits in place, and after a while on a small circle. Reason: from ranges alone, the heading of its
+# frame can be found only if the drone moves. The circle begins in the direction away from the drones that it sees, so that two
+# such drones do not fly towards each other.
 _PATIENCE_S = 5.0
 _WAITING_RADIUS_M, _WAITING_MPS = 2.0, 1.0
 _AT_HEIGHT_M = 1.0  # tolerance for arrival in the altitude layer
@@ -40,10 +41,10 @@ _AT_HEIGHT_M = 1.0  # tolerance for arrival in the altitude layer
 class Guidance:
     """References and headings of one drone.
 
-    ``has_room``: the own circle while links are lost lies inside the fence, or is not in use. A drone without room stops, like a
-    vehicle in failsafe, and then returns. All drones keep clear of such a stop; on the way to that circle the drone would flee
-    from the drones inside of it. ``kept_places``: the places on the circle that the last reference left free for missing drones;
-    local frame.
+    has_room: the circle of this drone while drones are missing lies inside the fence, or is not in use. Without room the drone
+        stops, and then returns. The other drones expect such a stop, as of a vehicle without its agent. On its way to a circle
+        partly outside of the fence, it would have to evade the drones on smaller circles.
+    kept_places: missing drones whose places on the circle the last reference left free, as obstacles; local frame.
     """
 
     def __init__(
@@ -71,35 +72,35 @@ class Guidance:
         self._stays: Vector3 | None = None  # hold position, local
         self._waits: tuple[int, float, float] | None = None  # begin and position of the wait for its frame, local
         self._freest_rad = 0.0  # direction with most room for motion then
-        self._climbs_at: Vector3 | None = None  # position of the climb above drones at unknown positions, local
-        self._climbs_ns: int | None = None  # begin of the climb to the altitude layer, for a search in it or a way home
+        self._climbs_at: Vector3 | None = None  # position of the climb to the altitude layer, before a search in it, local
+        self._climbs_ns: int | None = None  # stamp of the begin of that climb, or of the climb before a way home
 
     @property
     def comes_down(self) -> bool:
-        """Whether the drone descends over home from the height of its return; then it lands."""
+        """Whether the drone is over home in its altitude layer, and descends, or waits there to descend; then it lands."""
         return self._way.comes_down
 
     @property
     def waits(self) -> bool:
-        """Whether the drone waits because its frame is not known."""
+        """Whether the drone waits because its local frame is not known."""
         return self._waits is not None
 
     def begin(self) -> None:
-        """Begin guidance, or begin it anew: any waiting is over."""
+        """Begin guidance, or begin it anew in another local frame: forget all places in the former one."""
         self._waits = self._stays = self._climbs_at = None
         self._circling.begin()
         self._way.begin()
 
     def leap(self) -> None:
-        """Note that the vehicle is not on its plan."""
+        """Note that the vehicle has left its plan, so that a hold is at its present stopping point."""
         self._stays = None
 
     def centre(self, moment: Moment) -> Centre | None:
-        """Centre of the circle; None without a hypothesis, or while the local frame is not known."""
+        """Return the centre of the circle; None without a source estimate, or while the local frame is not known."""
         return self._circling.centre(moment, self._own.frame)
 
     def circle(self, moment: Moment, centre: Centre | None) -> Circle | None:
-        """Circle of a tracking drone, mission frame; None outside of tracking."""
+        """Return the present circle of this drone, mission frame; None if it does not track, or without a ``centre``."""
         return self._circling.circle(moment, centre)
 
     def reference(
@@ -113,10 +114,17 @@ class Guidance:
         others: Sequence[PeerPlan] = (),
         seen: Sequence[float] = (),
     ) -> Reference:
-        """Return the reference from ``state``, the tracker's own, together with the drones that take part.
+        """Return the reference path of this drone for the present stage.
 
-        ``deviation_m``: RMS deviation of this drone from its plans; ``absence``: consequences of missing drones;
-        ``others``: all drones in the air, certain or possible; ``seen``: directions (rad) in which this drone sees others.
+        Args:
+            moment: inputs of this step.
+            state: position and velocity at which the new plan begins, local frame.
+            centre: of the circle; None if not known.
+            partners: drones with a two-way link that take part, and share area and circle.
+            deviation_m: RMS deviation of this drone from its plans.
+            absence: missing drones, and the consequences for this one; None: no drone is missing.
+            others: possible positions of all drones in flight, as obstacles.
+            seen: directions (rad, ascending) in which this drone sees others; needed while its frame is not known.
         """
         self._absence, self._others, self.kept_places = absence, others, []
         above, self._climbs_at = self._climbs_at, None
@@ -153,16 +161,18 @@ class Guidance:
 
     @property
     def _holds(self) -> bool:
-        """Whether the drone, isolated, holds its position clear of lost peers."""
+        """Whether the drone has to hold because it is isolated (mission key ``safety.alone``)."""
         return self._absence is not None and self._absence.alone and self._config.safety.alone == "hold"
 
     @property
     def _may_meet(self) -> bool:
-        """Whether missing drones may be anywhere."""
+        """Whether missing drones may fly at unknown positions."""
         return self._absence is not None and bool(self._absence.anywhere)
 
     def heading(self, moment: Moment, centre: Centre | None) -> tuple[float, float]:
-        """Yaw (rad) and its rate (rad/s): always turning in the survey (paper, Sec. V-A), facing the hypothesis when tracking."""
+        """Return yaw (rad) and its rate (rad/s), local frame. The drone turns all the time in the search (paper, Sec. V-A), and
+        faces the source while it tracks; in other stages the yaw stays.
+        """
         if moment.stage in (Stage.TAKEOFF, Stage.RETURN, *BRAKING):
             return self._yaw_rad, 0.0
         rate_rps = 0.0
@@ -188,14 +198,14 @@ class Guidance:
         walls = tuple(self._absence.walls.values()) if self._absence is not None else ()
         found = self._informed.reference(moment.now_ns, here, moves, others, HORIZON, STEP_S, walls, self._search.is_complete)
         if found is None:
-            searching = self._absence.missing if self._absence is not None and walls else ()  # each keeps a share
+            searching = self._absence.missing if self._absence is not None and walls else ()  # missing drones keep their shares
             active = sorted([self._id, *(partner.id for partner in partners), *searching])
             found = self._search.reference(active, here, HORIZON, STEP_S)
         positions, velocities = found
         level = np.zeros(HORIZON + 1)
         placed = to_local.apply(np.column_stack((positions, level)))
         moving = to_local.rotate(np.column_stack((velocities, level)))
-        is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # its vehicle flew there while its agent was down
+        is_beyond = any(wall.parts_from(here, KEPT_M) for wall in walls)  # it may have been flown there while its agent was down
         lanes_z_m = self._ground.level_m(moment.vehicle) + self._search.height_m
         placed[:, 2] = self._over_z_m(moment) if is_beyond else lanes_z_m
         return Reference(placed, moving, STEP_S)
@@ -203,28 +213,29 @@ class Guidance:
     def circles_of_others(
         self, moment: Moment, centre: Centre | None, absence: Absence | None, ahead: Callable[[], Array]
     ) -> list[PeerPlan]:
-        """Return the circles of missing drones, nearest to this drone's plan ``ahead`` (K, 3), while it circles or climbs before
-        a crossing.
+        """Return, as obstacles, the neighbouring circles that missing drones may fly, while this drone tracks, or climbs before
+        its way home; else an empty list. ``ahead``: returns its planned positions (K, 3), local frame.
         """
         climbs = moment.stage is Stage.RETURN and self._way.climbs
         return self._circling.circles_of_others(moment, centre, absence, ahead, climbs=climbs, has_room=self.has_room)
 
     def stay(self, state: PeerState) -> Reference:
-        """Return a hold at the stopping point; the tracker still keeps separation.
+        """Return a hold at the point where the drone comes to rest; the tracker still keeps separation.
 
-        Not at the position where the braking begins: the drone would fly back there, by several metres, against following
-        traffic.
+        A hold at the position where the braking begins would make the drone fly back by several metres, against following drones.
         """
         place = self._stays = self._stays or comes_to_rest(state, self._config.limits)
         return Reference(np.tile(place, (HORIZON + 1, 1)), np.zeros((HORIZON + 1, 3)), STEP_S)
 
     def _rise(self, moment: Moment, state: PeerState) -> Reference:
-        """Return a vertical climb to the height of the survey."""
+        """Return a vertical climb to the height of the search."""
         x, y, _ = self._stays = self._stays or state.position
         return self._level(moment, np.full(HORIZON + 2, x), np.full(HORIZON + 2, y))
 
     def _wait(self, moment: Moment, state: PeerState, seen: Sequence[float]) -> Reference:
-        """Return a hold; after a while a small circle through the position, away from visible drones."""
+        """Return a hold for a drone with an unknown frame; after 5 s a small circle through its position, which begins away from
+        the drones that it sees. ``seen``: their directions (rad, ascending).
+        """
         x, y, _ = state.position
         since_ns, x, y = self._waits = self._waits or (moment.now_ns, x, y)
         waited_s = (moment.now_ns - since_ns) * 1e-9 - _PATIENCE_S
@@ -238,9 +249,11 @@ class Guidance:
     def _search_above(
         self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None
     ) -> Reference:
-        """Return a search in the own altitude layer, above all low flight. Drones without a separation line to this one may be
-        anywhere (``Absence``), and do not hear it. First it climbs there: at ``above``, None: at its position. All drones climb
-        before any search begins: separation may push climbing drones along, through the layer of an earlier search.
+        """Return a search in the own altitude layer, above all low flight, because missing drones may be anywhere below. First
+        the drone climbs there on the spot, and waits until all drones that climb at the same time have passed its layer:
+        separation may push a climbing drone sideways.
+
+        ``above``: place of the climb so far, local frame; None: it begins now, at the stopping point.
         """
         is_there = abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M
         if not self._are_climbing(moment) and is_there:
@@ -250,21 +263,21 @@ class Guidance:
         return self._hold_above(moment, state, above)
 
     def _are_climbing(self, moment: Moment) -> bool:
-        """Whether lost peers may climb through the layer of this drone still, if they began together with it."""
+        """Whether missing drones that began to climb at the same time as this one may still pass its altitude layer."""
         self._climbs_ns = moment.now_ns if self._climbs_ns is None else self._climbs_ns
         return moment.now_ns - self._climbs_ns < self._climb_ns
 
     def _hold_above(self, moment: Moment, state: PeerState, above: Vector3 | None) -> Reference:
-        """Return a hold in the altitude layer; arguments as of ``_search_above``."""
+        """Return a climb on the spot to the own altitude layer, and a hold there; arguments as of ``_search_above``."""
         x, y, _ = self._climbs_at = above or comes_to_rest(state, self._config.limits)
         still = np.ones(HORIZON + 2)
         return self._level(moment, x * still, y * still, crossing_height_m(self._config, self._id))
 
     def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
-        """Return the way home at the survey's speed and height, around hovering drones and the homes of lost peers. Return a hold
-        if home is not known.
+        """Return the way home, around hovering vehicles and the homes of missing drones; a hold if home is not known.
 
-        While links are lost, the way is above all circles: neither side knows the position of the other.
+        Speed and height are those of the search. While drones are missing, the way leads through the own altitude layer, above
+        all circles, because neither side knows the position of the other.
         """
         x, y, _ = state.position
         home = self._home.in_local or (x, y, 0.0)
@@ -292,13 +305,16 @@ class Guidance:
 
     @property
     def _home_is_taken(self) -> bool:
-        """Whether missing drones may search around home."""
+        """Whether home lies beyond a separation line, where a missing drone may search."""
         home = self._home.in_mission
         walls = self._absence.walls.values() if self._absence is not None else ()
         return home is not None and any(wall.parts_from(home[:2]) for wall in walls)
 
     def _level(self, moment: Moment, x: Array, y: Array, height_m: float | None = None) -> Reference:
-        """Return positions (HORIZON + 2,) one step apart as a reference at a height above the ground; None: survey height."""
+        """Return a reference at constant height through horizontal positions (HORIZON + 2,), one step apart, local frame.
+
+        ``height_m``: above the ground; None: the height of the search.
+        """
         z_m = self._survey_z_m(moment) if height_m is None else self._ground.level_m(moment.vehicle) + height_m
         positions = np.column_stack((x, y, np.full(HORIZON + 2, z_m)))
         return Reference(positions[:-1], np.diff(positions, axis=0) / STEP_S, STEP_S)

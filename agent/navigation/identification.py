@@ -1,4 +1,4 @@
-"""Identification of the vehicle's response to setpoints in flight: drag by the tilt, lag and tracking error by the plans."""
+"""Identification of a vehicle's response to setpoints in flight: drag by the tilt, lag and tracking error by the plans."""
 
 from __future__ import annotations
 
@@ -15,19 +15,18 @@ from radron.protocol.codes import Code
 from radron.protocol.texts import CodedText
 
 BAD_M = 1.2  # RMS deviation: twice that of a vehicle on a well flown circle
-_RAMP_PS2 = 0.5  # rate limit of the applied drag: the autopilot's integrator has to follow
+_RAMP_PS2 = 0.5  # rate limit of the drag in use: the autopilot's integrator has to follow its changes
 _REMEMBERED_SIGMA_PS = 0.1  # 1 sigma of a drag identified before a restart
-_SURE_PS = 0.12  # 1 sigma of the drag below which the remaining lag is identified
+_SURE_PS = 0.12  # the lag is identified once the 1 sigma of the drag is below this
 _LAG_S = 15.0  # averaging time of the lag
-_LAG_MPS = 2.0  # at higher speeds a lag exceeds the position errors
-_ODDEST_LAG_S = 0.5  # limit of a single measurement
+_LAG_MPS = 2.0  # below this speed, position errors exceed the effect of a lag, and it is weighted less
+_ODDEST_LAG_S = 0.5  # a single measurement of the lag is limited to this
 _LEAST_LAG_S, _MOST_LAG_S = 0.0, 0.6
 
 
 class FoundResponse(Struct, frozen=True):
-    """Identified response: see ``ResponseConfig``. A restarted agent continues with it.
-
-    A state file has null for a number that is not finite.
+    """Identified response of a vehicle, stored for a restarted agent: drag (1/s), lag (s), RMS deviation from plans (m), as in
+    ``ResponseConfig``. None: the state file has null, for a number that was not finite.
     """
 
     drag_ps: float | None
@@ -35,7 +34,7 @@ class FoundResponse(Struct, frozen=True):
     tracking_error_m: float | None
 
     def of(self, config: ResponseConfig) -> ResponseConfig | None:
-        """Return the configured response with the identified values; None if a vehicle cannot have it."""
+        """Return the response of the drone file with the identified values in it; None if these are out of range."""
         try:
             return msgspec.convert(msgspec.structs.asdict(config) | msgspec.structs.asdict(self), ResponseConfig)
         except msgspec.ValidationError:
@@ -43,10 +42,10 @@ class FoundResponse(Struct, frozen=True):
 
 
 class ResponseEstimator:
-    """Identification of the response of one vehicle. ``response``: the applied one."""
+    """Identification of the response of one vehicle. ``response``: the one in use at present."""
 
     def __init__(self, config: ResponseConfig) -> None:
-        """``config``: the drone file's values."""
+        """``config``: the response by the drone file, with which it begins."""
         self._config = config
         self.response = config
         self._drag = DragFilter(config.drag_ps)
@@ -54,7 +53,7 @@ class ResponseEstimator:
         self._stamp_ns: int | None = None
 
     def remember(self, found: FoundResponse) -> None:
-        """Continue with the response identified before a restart; with the drone file's if a vehicle cannot have it."""
+        """Continue with the response identified before a restart of the agent; ignore it if its values are out of range."""
         response = found.of(self._config)
         if response is None:
             return
@@ -64,14 +63,14 @@ class ResponseEstimator:
 
     @property
     def found(self) -> FoundResponse | None:
-        """The present response for a restarted agent, rounded; None if a vehicle cannot have it."""
+        """The present response to be stored for a restarted agent, rounded; None if its values are out of range."""
         now = self.response
         found = FoundResponse(round(now.drag_ps, 2), round(now.lag_s, 3), round(now.tracking_error_m, 2))
         return None if found.of(self._config) is None else found
 
     @property
     def problem(self) -> CodedText | None:
-        """Problem of the vehicle's response, or None."""
+        """Problem for the operator that the vehicle does not follow its plans; None without it."""
         rms_m = self._deviation.rms_m
         if rms_m <= BAD_M:
             return None
@@ -79,7 +78,7 @@ class ResponseEstimator:
         return CodedText(Code.PLAN_NOT_FOLLOWED, text)
 
     def follow(self, vehicle: VehicleState) -> None:
-        """Process telemetry, under any control."""
+        """Update the drag with telemetry, also while the agent does not fly the vehicle."""
         if not (vehicle.armed and vehicle.in_air):
             self._drag.interrupt()
             self._stamp_ns = None
@@ -93,7 +92,9 @@ class ResponseEstimator:
             self.response = replace(self.response, drag_ps=known + min(max(wanted - known, -most), most))
 
     def compare(self, vehicle: VehicleState, planned: PeerState) -> None:
-        """Compare the vehicle's state with its planned one at the same time; only while it flies by setpoints."""
+        """Update lag and tracking error with the vehicle's state, and its ``planned`` state at the same time, both in the local
+        frame. To be called only while the vehicle flies by setpoints.
+        """
         x, y = (vehicle.position_m[axis] - planned.position[axis] for axis in (0, 1))
         elapsed_s = self._deviation.add(vehicle.stamp_ns, x, y)
         u, v, _ = planned.velocity

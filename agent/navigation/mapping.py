@@ -1,4 +1,4 @@
-"""Survey of contaminated ground for a map: lanes over the area, then low lanes over its hot blocks; and its end."""
+"""Survey of contaminated ground for a map: lanes over the area, then low lanes over the blocks of highest activity."""
 
 from __future__ import annotations
 
@@ -22,11 +22,14 @@ from radron.protocol.contamination import Contamination
 from radron.protocol.entries import Coverage
 from radron.protocol.texts import CodedText
 
-_HOT_SHARE = 0.5  # of the highest block: low lanes are flown over blocks above it
+_HOT_SHARE = 0.5  # share of the highest block's activity above which a block is hot, and gets low lanes
 
 
 class Block(Struct, frozen=True):
-    """A square block of a map, mission frame. median, low, high: activity per area and its 5 % and 95 % quantiles, Bq/m2."""
+    """Square block of a map of contaminated ground, mission frame.
+
+    corner_m: its south-west corner. median, low, high: activity per area, Bq/m2: median, 5 % and 95 % quantile.
+    """
 
     corner_m: Point2
     side_m: float
@@ -51,27 +54,29 @@ def blocks_of(found: Contamination) -> list[Block]:
 
 
 def hot_blocks(blocks: Sequence[Block]) -> list[Block]:
-    """Return the blocks above half of the highest one that certainly are contaminated."""
+    """Return the blocks with more than half of the highest block's activity, without those that may be clean."""
     highest = max((block.median for block in blocks), default=0.0)
     return [block for block in blocks if block.low > 0.0 and block.median > _HOT_SHARE * highest]
 
 
 def uncertainty(blocks: Sequence[Block]) -> float | None:
-    """Return the median of the hot blocks' relative uncertainties (half of the 90 % interval); None without a hot block."""
+    """Return the median relative uncertainty of the hot blocks: half of the 90 % interval over the median activity. None without
+    a hot block.
+    """
     hot = [0.5 * (block.high - block.low) / block.median for block in hot_blocks(blocks)]
     return float(np.median(hot)) if hot else None
 
 
 class MapSurvey:
-    """Lanes over the whole area at the height of the survey; after these, low lanes over the hot blocks of the swarm's map.
+    """Survey for a map: lanes over the whole area at the height of the survey, then low lanes over the hot blocks.
 
-    Both are a ``Search``, which divides what is left among the living drones. They count their own coverage alone, because the
-    widths of their lanes differ. The hot blocks are those at the time at which the first lanes are complete: drones with the same
-    log have the same ones, and where logs differ, some lanes are flown twice.
+    Each of the two is a ``Search``, which divides the uncovered area among the drones that take part. Coverage by one does not
+    count for the other, because their lanes differ in width. The hot blocks are chosen when the first lanes are complete. Drones
+    with the same log choose the same ones; if logs differ, some lanes are flown twice.
     """
 
     def __init__(self, mission: MissionConfig, drone: str, frames: FrameGraph, blocks: Callable[[], Sequence[Block]]) -> None:
-        """``blocks``: the present map; empty before there is one."""
+        """``blocks``: returns the blocks of the present map; empty before there is a map."""
         survey = mission.survey
         self._area = Polygon(mission.area.polygon_m)
         self._blocks = blocks
@@ -88,44 +93,44 @@ class MapSurvey:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all lanes have been flown, the low ones too where there are hot blocks."""
+        """Whether all lanes have been flown: also the low ones, if the mission has them, and there are hot blocks."""
         return self._now.is_complete and (self._is_low or self._low is None or not hot_blocks(self._blocks()))
 
     @property
     def swath_m(self) -> float:
-        """Width covered along the present lanes."""
+        """Width (m) of the strip that a flight along a present lane covers."""
         return self._now.swath_m
 
     @property
     def height_m(self) -> float:
-        """Height of the present lanes above the ground."""
+        """Height (m) of the present lanes above the ground."""
         return self._now.height_m
 
     def begin(self, started_ns: int) -> None:
-        """Begin a mission: only coverage since its start counts."""
+        """Begin a mission at this stamp; only later coverage counts."""
         self._is_low = False
         for search in self._both:
             search.begin(started_ns)
 
     def take(self, entry: Coverage) -> None:
-        """Add a new entry of the log, in any order."""
+        """Add a coverage entry of the log; the order of the entries does not matter."""
         for search in self._both:
             search.take(entry)
 
     def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
-        """Count only these entries of a drone."""
+        """Replace all coverage of a drone by these entries."""
         counted = list(entries)
         for search in self._both:
             search.recount(drone, counted)
 
     def divide_anew(self) -> None:
-        """Discard the present division, once all known coverage is counted."""
+        """Divide the uncovered area anew, as soon as all known coverage is counted."""
         self._now.divide_anew()
 
     def reference(
         self, active: Sequence[str], position: Point2, steps: int, step_s: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the positions and velocities (steps + 1, 2) to follow from here, as ``Search.reference``."""
+        """Return the positions and velocities, (steps + 1, 2) each, to follow from here; arguments as of ``Search.reference``."""
         if self._low is not None and not self._is_low and self._wide.is_complete:
             self._go_low(self._low)
         return self._now.reference(active, position, steps, step_s)
@@ -148,9 +153,10 @@ def _square(block: Block) -> Polygon:
 
 
 def map_conclusion(survey: SurveyConfig, searched_s: float, is_complete: bool, blocks: Sequence[Block]) -> CodedText | None:
-    """Return the end of a survey for a map in words; None while it continues.
+    """Return the result of a survey for a map, as a text for the operator; None while the survey continues.
 
-    It ends with its time, with the uncertainty that the mission asks for, or, without either, when all lanes have been flown.
+    The survey ends after its duration (``survey.duration_s``), or once the map is as certain as the mission asks for
+    (``survey.block_uncertainty``). If the mission gives neither, it ends when all lanes have been flown.
     """
     reached = uncertainty(blocks)
     if survey.block_uncertainty is not None and is_complete and reached is not None and reached <= survey.block_uncertainty:

@@ -1,4 +1,4 @@
-"""Flight planning of one drone: reference -> tracker -> setpoint, all in its own local frame."""
+"""Flight planning of one drone in its local frame: from the reference of the present stage to a plan and setpoints."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ from radron.agent.vehicle.interface import FlightMode, Setpoint, VehicleState
 from radron.protocol.messages import Plan, Stage
 
 REPLAN_NS = 200_000_000  # 5 Hz
-_GAP_NS = 300_000_000  # limit of a step: a later one follows a standstill of this agent
-_AGE_NS = 100_000_000  # of telemetry
-_LEAP_M = 2.0  # deviation from the plan after a gap beyond which the vehicle has not flown it: the setpoint would leap by as much
-_TAKEN_UP_NS = 2_000_000_000  # from the first setpoint until the autopilot reports offboard mode
+_GAP_NS = 300_000_000  # a step later than this after the last one follows a standstill of this agent
+_AGE_NS = 100_000_000  # greatest age of telemetry
+_LEAP_M = 2.0  # after a standstill, the vehicle has not flown its plan if it is farther off it: the setpoint would jump so far
+_TAKEN_UP_NS = 2_000_000_000  # longest time from the first setpoint until the autopilot reports offboard mode
 
 
 class Navigator:
     """Flight planning of one drone in search, tracking and return.
 
-    ``home``: destination of a return; ``response``: the identified response of the vehicle to setpoints; ``reckoning``: the
-    context of the last plan, None under other control; ``revoked``: no other drone hears this one any more; ``excluded``: the
-    other revoked drones.
+    home: destination of a return. response: the identified response of the vehicle to setpoints.
+    reckoning: context of the last plan; None while the agent does not fly the vehicle.
+    revoked: this drone is revoked, so no other drone accepts its messages. excluded: ids of the other revoked drones.
     """
 
     def __init__(
@@ -62,8 +62,16 @@ class Navigator:
         informed: InformedSearch,
         measured: Callable[[int], Collection[str]],
     ) -> None:
-        """``frames``: of all drones; ``search``, ``informed``: the survey by lanes, and by the expected information;
-        ``measured``: returns the drones that may fly at a stamp, by the measurements in the log.
+        """Begin without a plan.
+
+        Args:
+            mission: the mission file.
+            drone: the drone file.
+            own: pose of this drone.
+            frames: local frames of all drones, as estimated from the log.
+            search: search by lanes.
+            informed: search by waypoints of the greatest expected information.
+            measured: returns the ids of drones that may fly at a stamp, because the log holds their measurements.
         """
         self._limits = mission.limits
         self._id = drone.id
@@ -86,76 +94,78 @@ class Navigator:
         self._is_resumed = False  # in-flight start of the agent: flying drones may never have been heard
 
     def take_off(self, vehicle: VehicleState) -> None:
-        """Note the takeoff: home is this position."""
+        """Note the takeoff: home is where the vehicle stands."""
         self.home.took_off(vehicle)
         self._is_resumed = False
 
     def resume(self, home: KeptHome) -> None:
-        """Note the in-flight start of the agent; ``home``: stored knowledge of it."""
+        """Note that the agent has been started in flight; ``home``: as stored by the former agent."""
         self.home.remember(home)
         self._is_resumed = True
 
     @property
     def waits(self) -> bool:
-        """Whether the drone waits because its frame is not known."""
+        """Whether the drone waits because its local frame is not known."""
         return self._guidance.waits
 
     @property
     def comes_down(self) -> bool:
-        """Whether the drone descends over home from its altitude layer; then it lands."""
+        """Whether the drone is over home in its altitude layer, and descends, or waits there to descend; then it lands."""
         return self._guidance.comes_down
 
     @property
     def absence(self) -> Absence | None:
-        """Missing drones, with a lost or one-way link, and the consequences for this one, as of the last step
-        (``Neighbourhood``).
-        """
+        """The missing drones, and the consequences for this one, as of the last step; None: no drone is missing."""
         return self._neighbourhood.absence
 
     @property
     def parted(self) -> dict[str, Wall | None]:
-        """The lost and one-way peers, by id, and the valid separation lines to them; None: no line."""
+        """The valid separation line to each missing drone, by id; None: no line."""
         absence = self.absence
         return {name: absence.walls.get(name) for name in absence.missing} if absence is not None else {}
 
     @property
     def has_room(self) -> bool:
-        """Whether this drone's circle while links are lost lies inside the fence."""
+        """Whether this drone's circle while drones are missing lies inside the fence, or is not in use."""
         return self._guidance.has_room
 
     @property
     def frames(self) -> dict[str, KeptFrame]:
-        """Frames of all drones, for a restart of the agent in flight."""
+        """Local frames of all drones, by id, to be stored for a restart of the agent in flight."""
         own = self._own.kept_frame
         others = self._neighbourhood.frames.kept
         return others if own is None else {self._id: own, **others}
 
     @property
     def epochs(self) -> dict[str, int]:
-        """Epochs of the other drones that began with a jump, and have no frame in the log."""
+        """Present epoch of each other drone whose frame the log does not give: its localisation has jumped, or the frame is from
+        before a restart of this agent; by id.
+        """
         return self._neighbourhood.frames.epochs
 
     def last_news(self, peers: Peers, now_ns: int) -> dict[str, LastNews]:
-        """Return the knowledge about flying drones, certain or possible, for a restart of the agent in flight."""
+        """Return the last pose and separation line of each drone that flies or may fly, by id, to be stored for a restart of the
+        agent in flight.
+        """
         return self._neighbourhood.last_news(peers, now_ns)
 
     def silences_ns(self, peers: Peers, stamp_ns: int) -> dict[str, int]:
-        """Return the time without a pose of each other drone at a stamp."""
+        """Return the time (ns) without a pose of each other drone at a stamp, by id, as this drone publishes it."""
         return self._neighbourhood.silences_ns(peers, stamp_ns)
 
     def remember(self, frames: Mapping[str, KeptFrame], others: Mapping[str, LastNews]) -> None:
-        """Restore the stored data from before a restart of the agent: plausible frames, and messages of the other drones."""
+        """Restore the data stored before a restart of the agent: local frames, and the last poses and lines of the others."""
         if self._id in frames:
             self._own.remember(frames[self._id])
         self._neighbourhood.frames.remember({name: kept for name, kept in frames.items() if name != self._id})
         self._neighbourhood.remember(others)
 
     def obeys(self, name: str, now_ns: int) -> None:
-        """Note that another drone is revoked, and on its way home."""
+        """Note that a revoked drone has reported that it obeys, and is on its way home."""
         self._neighbourhood.obeys(name, now_ns)
 
     def follow(self, vehicle: VehicleState) -> None:
-        """Process telemetry, each once, also under other control."""
+        """Identify the vehicle's response from telemetry: each message once, also while the agent does not fly the vehicle."""
         self.response.follow(vehicle)
         if self._tracker is None or not self._tracker.has_plan or vehicle.epoch != self._epoch:
             return
@@ -164,7 +174,7 @@ class Navigator:
             self._tracker.follow_by(self.response.response)
 
     def rest(self, now_ns: int, peers: Peers) -> None:
-        """Note that the vehicle is under other control; the next step starts from its position then."""
+        """Note that the agent does not fly the vehicle at present. The next ``step`` makes a new plan from its position then."""
         self._tracker, self._was_steered, self.reckoning = None, False, None
         self._neighbourhood.absence = None
         if now_ns > self._due_ns:
@@ -172,7 +182,7 @@ class Navigator:
             self._neighbourhood.follow(peers)
 
     def passing(self, now_ns: int, vehicle: VehicleState, peers: Peers) -> tuple[str, ...]:
-        """Return the ids of drones that fly past this one on the ground, too near for a takeoff."""
+        """Return the ids of the drones that fly too near to this one, on the ground, for its takeoff."""
         frame = self._own.frame
         local_from_mission = frame.local_from_mission if frame is not None else None
         others = self._neighbourhood.around(peers, Self(now_ns, vehicle.epoch, self._own.sigma_m, local_from_mission))
@@ -180,10 +190,11 @@ class Navigator:
         return passing(vehicle.position_m, others, peers, self._limits.separation_m)
 
     def step(self, moment: Moment, peers: Peers) -> tuple[Setpoint, Plan | None]:
-        """Return the setpoint for now, and a new plan to publish, if one was made.
+        """Return the setpoint for now, and the new plan to publish if one was made in this step; else None.
 
-        A drone with an unknown frame does not know the position of the area: it waits in place, clear of visible drones.
-        A plan that the vehicle does not follow is not published, and begins anew at the vehicle's position.
+        A drone whose frame is not known does not know where the area is. It waits in place, clear of the drones that it sees.
+        While the vehicle does not follow the setpoints, no plan is published, and each plan begins anew at the vehicle's
+        position.
         """
         plan = None
         if self._tracker is None:
@@ -212,21 +223,23 @@ class Navigator:
         return Setpoint(position, velocity, acceleration, yaw_rad, yaw_rate_rps), plan if is_steered else None
 
     def _is_steered(self, moment: Moment) -> bool:
-        """Whether the vehicle follows the setpoints: not under a safety pilot or a failsafe, and not if offboard was refused."""
+        """Whether the vehicle follows the setpoints: in offboard mode, or within 2 s of the first setpoint. Not under a safety
+        pilot or a failsafe, and not if offboard mode was refused.
+        """
         if moment.vehicle.mode is FlightMode.OFFBOARD:
             self._was_steered = True
             return True
         return not self._was_steered and moment.now_ns - self._begun_ns < _TAKEN_UP_NS
 
     def _has_leapt(self, tracker: Tracker, moment: Moment) -> bool:
-        """Whether the plan has continued without the vehicle since the last step. Older telemetry is no evidence."""
+        """Whether the vehicle has left the plan during a standstill of this agent, by telemetry since then."""
         gap_ns = moment.now_ns - self._stepped_ns
         if gap_ns < _GAP_NS or moment.now_ns - moment.vehicle.stamp_ns > gap_ns + _AGE_NS:
             return False
         return dist(tracker.state(moment.now_ns).position, moment.vehicle.position_m) > _LEAP_M
 
     def _begin(self, vehicle: VehicleState, here: PeerState) -> Tracker:
-        """Return a tracker that starts at the vehicle; also after a jump of the localisation, which has not moved the vehicle."""
+        """Return a new tracker whose plans begin at ``here``, the vehicle's position and velocity, in its present local frame."""
         fence = self._fence.put(vehicle, self._ground.level_m(vehicle))
         self._room = fence.outline
         tracker = Tracker(self._limits, fence, STEP_S, HORIZON, response=self.response.response, drone_id=self._id)
@@ -236,7 +249,7 @@ class Navigator:
         return tracker
 
     def _replan(self, tracker: Tracker, moment: Moment, centre: Centre | None, peers: Peers) -> Plan:
-        """Return a new plan, clear of all drones, and the message that publishes it."""
+        """Make a new plan, clear of all drones, and return the message that publishes it."""
         now_ns, vehicle, frame = moment.now_ns, moment.vehicle, self._own.frame
         ahead = partial(tracker.ahead, now_ns, vehicle.position_m)
         others = self._neighbourhood.around(peers, self._myself(moment, centre, ahead))
@@ -258,7 +271,7 @@ class Navigator:
         return self._published(made, vehicle.epoch)
 
     def _myself(self, moment: Moment, centre: Centre | None, ahead: Callable[[], Array]) -> Self:
-        """Return the own state; ``ahead`` returns the positions planned before, from now on."""
+        """Return the state of this drone; ``ahead``: returns the positions of its last plan from now on, (K, 3), local frame."""
         frame = self._own.frame
         return Self(
             moment.now_ns,
@@ -280,11 +293,13 @@ class Navigator:
         )
 
     def _motion_at(self, took_part_ns: int, stamp_ns: int) -> PeerState | None:
-        """Return the own motion at that stamp; None before participation, or before the other drones knew of it by a status."""
+        """Return this drone's position and velocity at a stamp, mission frame. None if it did not take part then, or the other
+        drones could not know of it yet by a status.
+        """
         return self._own.motion_at(stamp_ns) if stamp_ns >= took_part_ns + SILENT_NS else None
 
     def _published(self, made: TrackerPlan, epoch: int) -> Plan:
-        """Return the message."""
+        """Return the message that publishes a plan."""
         return Plan(
             stamp_ns=made.stamp_ns,
             drone=self._id,

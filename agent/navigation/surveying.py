@@ -1,4 +1,6 @@
-"""Survey of one drone: lanes over the area not covered by the swarm, or informative waypoints; and its coverage entries."""
+"""Search of one drone for a source: by lanes over the uncovered area, or by waypoints of the greatest expected information; and
+its reports of coverage.
+"""
 
 from __future__ import annotations
 
@@ -26,23 +28,24 @@ from radron.protocol.texts import CodedText
 
 COVERAGE_S = 5.0  # period of the coverage reports
 POINT_M = 1.0  # distance between the points of a coverage path
-LOOK_NS = 1_000_000_000  # period of the outlook, and of the choice of a waypoint
-_PORTION = 3.0  # of the work on new coverage, in a step
-_LONGEST_SHARE = 1.5  # of the way at the speed limit between two coverage reports: a longer path is refused
-_INSIDE_M = 5.0  # from the fence to the waypoints of a search for a source outside the area
-_OUTSIDE = 0.2  # probability of a source outside the area, if more than inside, that moves the waypoints up to the fence
-_TURN_SHARE = 0.75  # of the acceleration limit, assumed for turns
-# Beside a corner where its path turns round, or behind another drone, a drone may come to a standstill, with less than the first
-# distance in a step: its progress then grows by the second one. A gap left by that is covered after the next division of the
-# area.
+LOOK_NS = 1_000_000_000  # period in which the search state is computed, and a waypoint chosen
+_PORTION = 3.0  # work on new coverage in one step (``Covered.work``)
+_LONGEST_SHARE = 1.5  # a reported path longer than the way at the speed limit times this is refused
+_INSIDE_M = 5.0  # least distance from the fence to the waypoints of a search for a source outside the area
+_OUTSIDE = 0.2  # waypoints may lie outside the area if a source is there with more than this probability, and than inside
+_TURN_SHARE = 0.75  # share of the acceleration limit that is assumed for turns
+# A drone may come to a standstill beside a corner at which its path reverses, or behind another drone. If it moves by less than
+# the first distance in a step without progress, its progress along the path is increased by the second one. A gap in the coverage
+# left by that is covered after the next division of the area.
 _STILL_M, _ONWARD_M = 0.02, 0.05
 
 
 class Search:
-    """Division of the uncovered area among the drones that take part: when their number changes, and at the end of the own path.
+    """Search by lanes. The uncovered area is divided among the drones that take part, and again when these change, or this drone
+    has flown its share.
 
-    Division and completeness of the search follow from the log's coverage alone: drones with the same log divide alike, and end
-    the search alike. Mission frame throughout.
+    Division and completeness follow from the coverage in the log alone, so drones with the same log divide alike, and end the
+    search alike. All positions in the mission frame.
     """
 
     def __init__(
@@ -53,10 +56,10 @@ class Search:
         spacing_m: float | None = None,
         height_m: float | None = None,
     ) -> None:
-        """Begin for one drone of a mission, without any known coverage.
+        """Begin without any coverage. ``drone``: the own id; ``frames``: of all drones.
 
-        ``spacing_m``: largest distance between lanes, and width that each covers; ``height_m``: of the flight above the ground;
-        None: the mission's. Coverage of another width does not count.
+        ``spacing_m``: greatest distance between lanes, and width that each covers; coverage of another width does not count.
+        ``height_m``: height of the lanes above the ground. None: as the mission's survey.
         """
         self._area = Polygon(mission.area.polygon_m)
         self._region: Area = self._area  # to be covered
@@ -77,21 +80,21 @@ class Search:
         self.is_complete = False  # all of the area has been covered
 
     def begin(self, started_ns: int) -> None:
-        """Begin a mission: only coverage since its start counts."""
+        """Begin a mission at this stamp; only later coverage counts."""
         self._covered.begin(started_ns)
         self._follower, self._judged, self.is_complete = None, False, False
 
     def restrict(self, region: Area) -> None:
-        """Cover this part of the area only."""
+        """Cover only this part of the area from now on."""
         self._region, self._follower, self._judged, self.is_complete = region, None, False, False
 
     def take(self, entry: Coverage) -> None:
-        """Add a new entry of the log, in any order."""
+        """Add a coverage entry of the log; the order of the entries does not matter."""
         self._covered.take(entry)
         self._judged = False
 
     def recount(self, drone: str, entries: Iterable[Coverage]) -> None:
-        """Count only these entries of a drone: the uncovered area is divided anew."""
+        """Replace all coverage of a drone by these entries, and divide the uncovered area anew."""
         self._covered.recount(drone, entries)
         self._judged = self.is_complete = False
         self.divide_anew()
@@ -99,13 +102,13 @@ class Search:
     def reference(
         self, active: Sequence[str], position: Point2, steps: int, step_s: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the positions and velocities (steps + 1, 2) to follow from here.
+        """Return the positions and velocities, (steps + 1, 2) each, to follow from here along the lanes of this drone's share.
 
         Args:
-            active: the drones that share the area, this one included, sorted.
+            active: ids of the drones that share the area, this one included, sorted.
             position: of this drone.
-            steps: of the reference.
-            step_s: between its points.
+            steps: number of steps of the reference.
+            step_s: time between its points.
         """
         self._keep_up()
         if self._follower is None or tuple(active) != self._shared_by or self._progress >= self._follower.length_m:
@@ -118,11 +121,11 @@ class Search:
         return self._follower.reference(self._progress, position, self._survey.speed_mps, steps, step_s)
 
     def divide_anew(self) -> None:
-        """Discard the present division, once all known coverage is counted: it assumes less coverage."""
+        """Divide the uncovered area anew, as soon as all known coverage is counted."""
         self._again = True
 
     def _keep_up(self) -> None:
-        """Count new coverage, a bounded part of it in each step; until that is complete the present division serves."""
+        """Count new coverage, a bounded part of it in each step. Until all is counted, the present division stays in use."""
         for (drone, _), from_ns in self._frames.changes(self._revision).items():
             self._covered.moved(drone, from_ns)
         self._revision = self._frames.revision
@@ -153,7 +156,7 @@ class Search:
 
 
 class Prospect:
-    """Search state, computed once a second because it is costly."""
+    """Search state of the estimator (where a source may still be), computed at most once a second because it is costly."""
 
     def __init__(self, outlook: Callable[[], Outlook | None]) -> None:
         self._outlook = outlook
@@ -161,7 +164,7 @@ class Prospect:
         self._due_ns = 0
 
     def at(self, now_ns: int) -> Outlook | None:
-        """Return the present search state; None with a hypothesis of one source, or if the estimator has no search state."""
+        """Return the present search state; None once there is a source estimate, or if the estimator gives no search state."""
         if now_ns >= self._due_ns or self._due_ns - now_ns > LOOK_NS:
             self._due_ns = now_ns + LOOK_NS
             self._known = self._outlook()
@@ -169,7 +172,8 @@ class Prospect:
 
 
 class InformedSearch:
-    """Flight to the most informative waypoint, chosen again and again. Mission frame throughout."""
+    """Search by waypoints: flight to the waypoint of the greatest expected information, chosen anew each second; mission frame.
+    """
 
     def __init__(self, mission: MissionConfig, prospect: Prospect) -> None:
         survey, area = mission.survey, Polygon(mission.area.polygon_m)
@@ -198,18 +202,18 @@ class InformedSearch:
         walls: Sequence[Wall] = (),
         covered: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Return the positions and velocities (steps + 1, 2) to follow from here; None: fly lanes instead.
+        """Return the positions and velocities, (steps + 1, 2) each, to follow from here to the waypoint; None: fly lanes instead.
 
         Args:
             now_ns: own time.
             position: of this drone.
             velocity: its velocity.
             others: positions of the other searching drones.
-            steps: of the reference.
-            step_s: between its points.
+            steps: number of steps of the reference.
+            step_s: time between its points.
             walls: separation lines to missing drones; this drone keeps to its own side.
-            covered: all of the area has been covered by lanes. Lanes come first with an estimator of several sources, because its
-                search state follows the flight too slowly for waypoints.
+            covered: lanes have covered the whole area. An estimator of several sources needs that first, because its search state
+                changes too slowly for waypoints.
         """
         outlook = self._prospect.at(now_ns) if self._regions else None
         outlook = outlook.lead if outlook is not None and outlook.lead is not None else outlook
@@ -235,7 +239,9 @@ class InformedSearch:
         others: Sequence[Point2],
         walls: Sequence[Wall],
     ) -> PathFollower:
-        """Return the way to the most informative waypoint: in the area, or up to the fence if the source is probably outside."""
+        """Return the way to the waypoint of the greatest expected information. It lies in the area, or between area and fence if
+        the source is probably outside the area.
+        """
         weight = outlook.weight if outlook.exclusion is None else outlook.weight * outlook.exclusion.left
         inside = float(weight[outlook.inside].sum())
         is_outside = float(weight.sum()) - inside > max(inside, _OUTSIDE)
@@ -252,8 +258,10 @@ class InformedSearch:
 
 
 def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | None) -> CodedText | None:
-    """Return the result of the search: None while it continues. Otherwise: nothing found, and the exclusion limit, or the bearing
-    of a probable source beyond the fence.
+    """Return the result of a search without a find, as a text for the operator; None while the search continues.
+
+    The text gives the exclusion limit, or the direction to a probable source beyond the fence. ``searched_s``: duration of the
+    search so far.
     """
     excluded_bq = outlook.excluded_bq if outlook is not None else None
     survey, least_bq = mission.survey, mission.survey.least_activity_bq
@@ -272,7 +280,7 @@ def conclusion(mission: MissionConfig, searched_s: float, outlook: Outlook | Non
 
 
 class CoverageLog:
-    """Collects the own path, in the local frame, until the next coverage report is due."""
+    """Path of this drone since its last coverage report, in the local frame."""
 
     def __init__(self, swath_m: float) -> None:
         self.swath_m = swath_m
@@ -281,9 +289,9 @@ class CoverageLog:
         self._epoch = 0
 
     def add(self, now_ns: int, epoch: int, position: Point2) -> tuple[int, int, tuple[Point2, ...]] | None:
-        """Add the own position; return the stamp, epoch and path of a report every few seconds, else None.
+        """Add the own position. Return a report every 5 s: stamp, epoch and points of the path; else None.
 
-        A new epoch ends a path: no path leads from one frame into another.
+        A new epoch ends a path, because a path cannot lead from one local frame into another.
         """
         told = None
         if self._points and epoch != self._epoch:
