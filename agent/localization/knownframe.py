@@ -14,7 +14,7 @@ from radron.agent.vehicle.interface import VehicleState
 
 # Two positions, or headings, that differ by less count as the same: the error of continued motion after a few jumps.
 SAME_M, SAME_RAD = 1.0, 0.1
-LARGEST_DOUBT_M = 7.0  # position uncertainty (1 sigma of each axis) above which a drone leaves the mission
+LARGEST_DOUBT_M = 7.0  # position uncertainty, or distance of two position hypotheses, above which a drone leaves the mission
 NO_JUMP_M, NO_JUMP_RAD = 0.5, 0.05  # a smaller jump is noise, as for the driver of the vehicle (``vehicle.resets``)
 # A jump back, after a gap in the telemetry, may miss the alternative position by this share of the distance between both position
 # hypotheses, if the motion in the gap explains the miss.
