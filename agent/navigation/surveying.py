@@ -172,7 +172,7 @@ class Prospect:
 
 
 class InformedSearch:
-    """Search by waypoints: flight to the waypoint of the greatest expected information, chosen anew each second; mission frame."""
+    """Search by waypoints: to the waypoint of the greatest expected information, chosen anew each second; mission frame."""
 
     def __init__(self, mission: MissionConfig, prospect: Prospect) -> None:
         survey, area = mission.survey, Polygon(mission.area.polygon_m)
