@@ -1,26 +1,26 @@
-"""Clock offsets between the drones, from the delays of their status messages. Stamps of log entries are never corrected by them.
+"""Clock offsets between the drones, from the delays of their status messages. They never correct stamps of log entries.
 
-Two drones with a two-way link know both apparent delays: own clock at the arrival minus the stamp, on either side. Half their
-difference is the clock offset, as in NTP (RFC 5905, section 8). Its error is half the asymmetry of the two ways. The smallest
-delay of the last seconds is used, because queueing only ever makes a message later.
+**Offset.** The apparent delay of a message is the receiver's clock at the arrival minus the stamp. Each drone publishes the
+delays that it measures, so two drones with a two-way link know the delays of both directions. Half their difference is the clock
+offset, as in NTP (RFC 5905, section 8); its error is half the difference of the true delays. Of each direction the smallest delay
+of the last seconds counts, because queueing only makes messages later.
 
-No round trip takes less than no time. If the two delays add up to less, one of the clocks has been set in these seconds. The
-larger delay is from before that. The drone with the larger delay finds that its newest delay fits, and forgets the others. So
-after a clock step its offset is known again by one exchange of statuses, however long delays are kept. A forged delay alone moves
-nothing.
+**Clock steps.** The two delays add up to the round trip time, which cannot be negative. If the sum is, one of the clocks has been
+set in these seconds, and the larger delay is from before that. The drone that measured it finds that its newest delay fits, and
+forgets the older ones. So after a clock step the offset is known again after one exchange of statuses, however long delays are
+kept. A forged delay alone changes nothing.
 
-When delays change, the smallest delays of the two ways enter and leave the window at different times. In between they belong to
-different times, and half their difference is wrong by half of the change. But the former offset is still possible by both, unless
-one of the clocks has been set. While possible, it holds for some seconds, until the delays of both ways belong to the same time
-again.
+**Changing delays.** When delays change, the smallest delays of the two directions may belong to different times for some seconds.
+Then half their difference is wrong by half of the change. As long as the former offset is consistent with both delays, it is kept
+for these seconds.
 
-All times here are own time (``owntime``), which a step of the own clock does not move: known offsets of the others' clocks from
-it stay. Only until the others have received a status with a new stamp, they report a delay by the former clock.
+**Own time.** All times here are own time (``owntime``), which a step of the own clock does not move. So the known offsets of
+other clocks from it stay. But until the others have received a status with a new stamp, they report a delay by the former clock.
 
-A backward step of most clocks is one of the common time as well. A clock that was right before, and was not set back, has stamped
-measurements at those times, made elsewhere. Until the common time has reached them again, all new measurements are wrong by the
-step, even by a clock that is right by the new time. Without such a clock all stamps of the former time are void
-(``sensing.numbering``): the hypothesis follows the common time back.
+**Common time** is the time by the majority of the clocks. If most clocks are set back, the common time steps back, too. A clock
+that was right before, and was not set back, has stamped measurements at times that the common time has not reached again yet,
+while the drones were at other places. Until it has reached them, all new measurements count as wrong by the step. Without such a
+clock all stamps of the former time are void (``sensing.numbering``), and the source estimate follows the common time back.
 """
 
 from __future__ import annotations
@@ -42,56 +42,60 @@ from radron.protocol.texts import CodedText
 N = TypeVar("N", bound=Pose | Plan | Status)
 
 WINDOW_NS = 10_000_000_000
-HEARD_NS = 3_000_000_000  # three periods of the statuses; after a longer silence the link is lost
-LIMIT_S = 0.05  # a drone with a larger offset reports it, and adds it to the uncertainty of its position
-MOST_LATENCY_NS = 2_000_000_000  # of a status; two delays with a larger mean are not used
-MOST_SIGMA_M = 1_000.0  # limit for any clock error
-_LEAST_TRIP_NS = -50_000_000  # of the two delays together: clocks drift, and a status reports delays of a second ago
-# How long a still possible offset holds against a new value. Statuses come once a second, so the smallest delays of the two ways
-# are at most a second apart. One status may be lost, and the next one late.
+HEARD_NS = 3_000_000_000  # three periods of the statuses; delays of a drone that is silent for longer are not published
+LIMIT_S = 0.05  # a drone whose clock is off by more reports it, and adds the offset to its position uncertainty
+MOST_LATENCY_NS = 2_000_000_000  # two delays with a larger mean are not used
+MOST_SIGMA_M = 1_000.0  # limit of the position uncertainty by a clock error
+_LEAST_TRIP_NS = -50_000_000  # least sum of both delays: clocks drift, and a status reports delays of a second ago
+# A former offset that is still consistent with both delays is kept for this long against a new value. Statuses come once a
+# second, so the smallest delays of the two directions are at most a second apart; one status may be lost, and the next one late.
 _HELD_NS = 5_000_000_000
-_SET_BACK_NS = 1_000_000_000  # of the common time; estimates of it differ by less
-_AGAIN_NS = 2_000_000_000  # statuses come once a second, and show a clock right until then
+_SET_BACK_NS = 1_000_000_000  # least backward step of the common time; its estimates differ by less
+_AGAIN_NS = 2_000_000_000  # a status shows that a clock was right up to now; statuses come once a second
 _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 
 class _Held(Struct, frozen=True):
-    """The lead of own time over another clock, and since when the delays have stated another value."""
+    """Lead of own time over another clock, and the stamp since which the delays have given another value; None: they agree."""
 
     ahead_ns: int
     doubted_ns: int | None = None
 
 
 class Clocks:
-    """The other drones' clocks as known to one drone. ``utc``: its own clock."""
+    """Clocks of the other drones, relative to this one's.
+
+    utc: conversion of own time to the own clock.
+    offset_s: lead of the own clock over the median of all known clocks, its own included. If the clocks split into halves, as
+    those
+        of two drones, no half is known to be right; then it is the lead over the other half, on both sides.
+    """
 
     def __init__(self, drone: str, others: Iterable[str]) -> None:
         self._drone, self.utc = drone, Utc()
-        self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival, delay
-        self._returned: dict[str, tuple[int, int]] = {}  # arrival, and this drone's delay as each of them reports it
+        self._heard: dict[str, deque[tuple[int, int]]] = {name: deque() for name in others}  # arrival and delay of statuses
+        self._returned: dict[str, tuple[int, int]] = {}  # arrival of a report, and the delay of this drone's statuses in it
         self._held: dict[str, _Held] = {}
-        self._ahead_ns: dict[str, int] = {}  # their lead over the own clock, as last known and beyond the limit
-        self._known: dict[str, int] = {}  # lead of own time over their clocks, by their last statuses
+        self._ahead_ns: dict[str, int] = {}  # lead of each other clock over the own one, where beyond the limit
+        self._known: dict[str, int] = {}  # lead of own time over each other clock, by the last statuses
         self._since_ns: dict[str, int] = {}  # step of the own clock, by drone that may report a delay by the former clock
-        self._stepped_ns = 0  # time of the last such step
-        self._outvoted_s = 0.0  # of the own clock from the common time; 0 unless known to be wrong
-        self._agreed_ns: dict[str, int] = {}  # the common time at which each clock was last right by it
-        self._back_s = 0.0  # backward step of that, while a clock that was right by it stamps measurements made elsewhere
+        self._stepped_ns = 0  # stamp of the last such step
+        self._outvoted_s = 0.0  # lead of the own clock over the common time; 0 unless the own clock is known to be wrong
+        self._agreed_ns: dict[str, int] = {}  # the common time at which each clock last agreed with it
+        self._back_s = 0.0  # backward step of the common time, while a clock has stamped later measurements
         self._followed_ns = 0
-        # Offset of the own clock from the median of all known clocks, its own included. If the clocks split into halves (two
-        # drones), neither half is known to be right. Then the offset from the other half, on both sides.
         self.offset_s = 0.0
 
     def hear(self, status: Status, now_ns: int) -> bool:
-        """Take a status that arrived at ``now_ns``. Duplicates and late statuses do no harm: the smallest delay counts.
+        """Process a status that arrived at ``now_ns`` (own time). Duplicates and late statuses do no harm.
 
-        Returns whether the status shows a step of one of the clocks: then the other drone waits for the new delay.
+        Return whether it shows a step of one of the clocks: then the other drone waits for the new delay.
         """
         name, delay_ns = status.drone, now_ns - status.stamp_ns
         heard = self._heard.get(name)
         if heard is None or abs(delay_ns) > _MOST_DELAY_NS:
             return False
-        while heard and heard[-1][1] >= delay_ns:  # never the smallest again
+        while heard and heard[-1][1] >= delay_ns:  # these can never be the smallest any more
             heard.pop()
         heard.append((now_ns, delay_ns))
         set_anew = False
@@ -109,10 +113,11 @@ class Clocks:
         return set_anew
 
     def _by_own_time(self, name: str, told_ns: int, delay_ns: int, now_ns: int) -> int:
-        """Return this drone's delay as another one reports it, converted to own time.
+        """Return the delay of this drone's statuses, as the drone ``name`` reports it (``told_ns``), converted to own time.
 
-        The report may be by the former clock, as long as delays are kept. Of both readings the possible round trip counts; of two
-        the one with the known lead of own time, which no step of the own clock changes; else the shorter.
+        After a step of the own clock the report may still be by the former clock. Of both readings, that with a possible round
+        trip counts. If both are possible: that which agrees with the known offset, or else the smaller one. ``delay_ns``: of the
+        status with the report.
         """
         held = self._held.get(name)
         if now_ns - self._stepped_ns > WINDOW_NS + MOST_LATENCY_NS:
@@ -130,7 +135,7 @@ class Clocks:
         return found_ns
 
     def set_own(self, ahead_ns: int, now_ns: int) -> int:
-        """Take the lead of the own clock over own time, and return the step since the last one."""
+        """Set the lead of the own clock over own time, and return its step (ns) since the last one."""
         by_ns, self.utc.ahead_ns = ahead_ns - self.utc.ahead_ns, ahead_ns
         if abs(by_ns) > 1e9 * LIMIT_S:  # less is drift
             self._since_ns = {name: self._since_ns.get(name, 0) + by_ns for name in self._heard}
@@ -155,11 +160,11 @@ class Clocks:
         self._outvoted_s = outvoted_s if abs(outvoted_s) > LIMIT_S else 0.0
 
     def _watch_common(self, now_ns: int) -> None:
-        """Note a backward step of the common time, as far as known."""
+        """Note a backward step of the common time, and its end, as far as the other clocks show it."""
         common_ns = self.common_ns(now_ns)
         offsets_s = {self._drone: 0.0, **self._by_utc_s(self._known)}
         right = {name for name, offset_s in offsets_s.items() if abs(offset_s - self._outvoted_s) <= LIMIT_S}
-        if len(right) > 1:  # alone, as in the first second after a step, the own clock is no evidence of the common time
+        if len(right) > 1:  # the own clock alone, as in the first second after a step, is no evidence of the common time
             self._agreed_ns |= dict.fromkeys(right, common_ns)
         back_ns = max((at_ns - common_ns for name, at_ns in self._agreed_ns.items() if name not in right), default=-_AGAIN_NS)
         if back_ns <= -_AGAIN_NS:
@@ -168,7 +173,7 @@ class Clocks:
             self._back_s = max(self._back_s, 1e-9 * back_ns)
 
     def delays_ns(self, now_ns: int) -> dict[str, int]:
-        """The smallest delay of each drone with a link, by the own clock, as published by this drone."""
+        """Return the smallest delay of each drone heard in the last 3 s, by the own clock, as this drone publishes it; by id."""
         delays = self._delays_ns(now_ns)
         return {
             name: delay_ns + self.utc.ahead_ns
@@ -177,11 +182,13 @@ class Clocks:
         }
 
     def offsets_s(self, now_ns: int) -> dict[str, float]:
-        """The lead of the own clock over each drone's, if both delays are known, and can belong together."""
+        """Return the lead (s) of the own clock over each drone's, by id, where the delays of both directions are known and
+        consistent.
+        """
         return self._by_utc_s(self._leads_ns(now_ns))
 
     def _leads_ns(self, now_ns: int) -> dict[str, int]:
-        """The lead of own time over each drone's clock, if known."""
+        """Return the lead of own time over each drone's clock, where known."""
         return {name: self._held[name].ahead_ns for name in self._both_ns(now_ns) if name in self._held}
 
     def _by_utc_s(self, leads_ns: dict[str, int]) -> dict[str, float]:
@@ -189,18 +196,20 @@ class Clocks:
         return {name: 1e-9 * (lead_ns + self.utc.ahead_ns) for name, lead_ns in leads_ns.items()}
 
     def _hold(self, now_ns: int) -> None:
-        """Note the offsets by the delays, or hold the former ones."""
+        """Update the offsets by the delays, or keep the former ones for a while (``_held``)."""
         both = self._both_ns(now_ns)
         self._held |= {name: _held(self._held.get(name), *delays_ns, now_ns) for name, delays_ns in both.items()}
 
     def _both_ns(self, now_ns: int) -> dict[str, tuple[int, int]]:
-        """The own smallest delay of each drone, and that which it reports, where both are known, and can belong together."""
+        """Return, for each drone, the smallest delay of its statuses here, and of this drone's statuses there, where both are
+        known and consistent.
+        """
         returned = {name: delay_ns for name, (at_ns, delay_ns) in self._returned.items() if now_ns - at_ns <= WINDOW_NS}
         both = {name: (delay_ns, returned[name]) for name, delay_ns in self._delays_ns(now_ns).items() if name in returned}
         return {name: delays for name, delays in both.items() if _LEAST_TRIP_NS <= sum(delays) <= 2 * MOST_LATENCY_NS}
 
     def _delays_ns(self, now_ns: int) -> dict[str, int]:
-        """The smallest delay of each drone with messages in the last seconds."""
+        """Return the smallest delay in the last 10 s of each drone with statuses in that time."""
         found = {}
         for name, heard in self._heard.items():
             while heard and now_ns - heard[0][0] > WINDOW_NS:
@@ -210,12 +219,14 @@ class Clocks:
         return found
 
     def own_stamp_ns(self, drone: str, stamp_ns: int) -> int:
-        """Convert a stamp of another drone to own time, by the known offset."""
+        """Convert a stamp of another drone to own time; by its clock's offset, if that is known to exceed 50 ms."""
         return max(0, self.utc.own_ns(stamp_ns) - self._ahead_ns.get(drone, 0))
 
     def in_own_time(self, message: N) -> N:
-        """Return another drone's message with its stamp in own time (``own_stamp_ns``). With a known offset a pose is as certain
-        as that drone's localisation, whichever of the two clocks is wrong.
+        """Return another drone's message with its stamp in own time (``own_stamp_ns``).
+
+        With a known offset, the position uncertainty of a pose is that of the drone's localisation alone, whichever of the two
+        clocks is wrong.
         """
         stamp_ns = self.own_stamp_ns(message.drone, message.stamp_ns)
         if isinstance(message, Pose) and (message.clock_sigma_m > 0.0 or self.is_doubted):
@@ -223,8 +234,8 @@ class Clocks:
         return message if stamp_ns == message.stamp_ns else replace(message, stamp_ns=stamp_ns)
 
     def _sigma_m_of(self, pose: Pose) -> float:
-        """1 sigma of another drone's position at its stamp in own time. With an unknown or doubtful offset either clock may
-        be wrong.
+        """Return the 1 sigma (m) of another drone's position at its stamp in own time. With an unknown or doubtful offset it
+        includes the errors of both clocks.
         """
         held = self._held.get(pose.drone)
         if pose.drone in self._known and (held is None or held.doubted_ns is None):
@@ -232,20 +243,20 @@ class Clocks:
         return hypot(pose.position_sigma_m, self.sigma_m(hypot(*pose.velocity_mps)))
 
     def common_ns(self, now_ns: int) -> int:
-        """Return the UTC now by the clocks of the others, if the own clock is known to be wrong; else by the own clock.
+        """Return the common time now (UTC, ns): by the clocks of the others if the own clock is known to be wrong, else by it.
 
-        If the clocks split into halves, all drones take the time of the half that is behind. So hypotheses stay comparable, and
-        no entry is late by the offset.
+        If the clocks split into halves, all drones take the time of the half that is behind. So their source estimates stay
+        comparable, and no log entry is late by the offset.
         """
         return self.utc.of(now_ns) - round(1e9 * self._outvoted_s)
 
     def own_ns_of_common(self, common_ns: int) -> int:
-        """Return the own time of a stamp of the hypothesis, which is common time."""
+        """Convert a stamp of the source estimate, which is common time, to own time."""
         return common_ns - self.common_ns(0)
 
     def followed_ns(self, now_ns: int) -> int:
-        """Return the common time as the hypothesis follows it. It stands still after a backward step to stamps with measurements
-        of another drone, and after a step within the error of its estimates.
+        """Return the common time as the source estimate uses it. It follows a backward step only if no drone has stamped later
+        measurements; otherwise, and after a small step, it stands still until the common time has reached it again.
         """
         common_ns = self.common_ns(now_ns)
         back_ns = self._followed_ns - common_ns
@@ -255,11 +266,11 @@ class Clocks:
 
     @property
     def is_doubted(self) -> bool:
-        """Whether stamps by the own clock may be wrong."""
+        """Whether stamps by the own clock may be wrong by more than 50 ms."""
         return max(abs(self.offset_s), self._back_s) > LIMIT_S
 
     def problem(self, now_ns: int) -> CodedText | None:
-        """The problem of the own clock reported to the operator; None while it is right."""
+        """Return the problem for the operator that the own clock differs from the others; None while it is right."""
         if abs(self.offset_s) <= LIMIT_S:
             return None
         ahead = self.offset_s > 0.0
@@ -269,15 +280,18 @@ class Clocks:
         return CodedText(Code.CLOCK_OFF, text)
 
     def sigma_m(self, speed_mps: float) -> float:
-        """1 sigma (m) that the own clock's offset, or a step of the common time, adds to a position; 0 within the limit."""
+        """Return the 1 sigma (m) that the own clock's offset, or a step of the common time, adds to a position at this speed; 0
+        within 50 ms.
+        """
         error_s = max(abs(self.offset_s), self._back_s)
         return min(speed_mps * error_s, MOST_SIGMA_M) if self.is_doubted else 0.0
 
 
 def _held(before: _Held | None, own_ns: int, returned_ns: int, now_ns: int) -> _Held:
-    """Return the offset by these two delays, or the former one.
+    """Return the offset by these two delays, or the former one (``before``) for 5 s if it is consistent with both.
 
-    No way takes less than no time. So the offset is the own delay at most, and at least the other delay with the sign reversed.
+    No message takes a negative time. So the lead of own time is at most ``own_ns``, the smallest delay here, and at least
+    -``returned_ns``, the smallest delay there.
     """
     told = _Held((own_ns - returned_ns) // 2)
     if before is None or abs(told.ahead_ns - before.ahead_ns) <= 1e9 * LIMIT_S:

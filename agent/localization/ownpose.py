@@ -1,7 +1,6 @@
-"""The own pose: the only place that takes telemetry, decides its epoch, and gives the present and past poses of this drone.
+"""Pose of this drone, now and in the last seconds, with the epoch of its telemetry, and the transform to the mission frame.
 
-All users of the own pose ask here, so that all answers change together when the localisation jumps. The answers: the newest
-telemetry, the poses of the last seconds, the epoch, and the transform from the local frame to the mission frame.
+It is the only owner of these, so that all of them change together when the localisation jumps.
 """
 
 from __future__ import annotations
@@ -31,20 +30,20 @@ from radron.protocol.entries import CarriedFrame, Entry, Sighting
 from radron.protocol.texts import CodedText
 
 FARTHEST_M, _FASTEST_MPS = 1e5, 200.0  # the largest coordinate, and velocity, that a message can carry
-_NORM_ERROR = 0.01  # of a quaternion in single precision: far more than rounding
-_UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1-sigma error is not known at all
+_NORM_ERROR = 0.01  # tolerance for the norm of a quaternion: far more than rounding in single precision
+_UNKNOWN_HEADING_DEG = 90.0  # a heading with a larger 1 sigma counts as unknown
 
 
 class LocalFrame(Struct, frozen=True):
-    """The own local frame in the mission frame, in both directions."""
+    """Transform between this drone's local frame and the mission frame, in both directions."""
 
     mission_from_local: Transform
     local_from_mission: Transform
 
 
 class Whereabouts(Struct, frozen=True):
-    """Own position estimate of a drone, mission frame: position and heading (of its body, from east), each with 1 sigma. The
-    position's sigma is of the horizontal distance.
+    """Position estimate of this drone in the mission frame: position (m) with the 1 sigma of the horizontal position, and heading
+    of its body (rad, from east) with its 1 sigma.
     """
 
     place_m: Vector3
@@ -56,9 +55,10 @@ class Whereabouts(Struct, frozen=True):
 class OwnPose:
     """Present and past poses of one drone, in its local frame and in the mission frame.
 
-    ``history``: telemetry of the last seconds, with the epoch of each; only this class adds to it. ``is_unplaced``: the heading
-    of the local frame in the mission frame is not known yet: this drone has neither seen another drone nor been seen. The
-    sequence of its frames: ``radron.agent.localization.ownframes``.
+    history: telemetry of the last seconds, each message with its epoch; only this class adds to it.
+    is_unplaced: the heading of the local frame in the mission frame is not known yet, because this drone has neither seen another
+        drone nor been seen by one.
+    utc: conversion of own time to the own clock.
     """
 
     def __init__(
@@ -77,10 +77,10 @@ class OwnPose:
             member: this drone in the mission's launch layout.
             frames: the local frames of all drones as estimated from the log.
             clocks: the error of the own clock.
-            counters: of dropped telemetry.
+            counters: counts of dropped telemetry.
             speed_mps: maximum speed of the vehicles of this swarm.
-            drift: of frames without an estimate by the log.
-            epoch_offset: epochs that the agent before a restart had added to the vehicle's.
+            drift: growth of the uncertainty of a frame that the log does not give.
+            epoch_offset: number of epochs that the agent before a restart had added to the vehicle's count.
         """
         self._drone = member.id
         self._clocks, self._counters, self.utc = clocks, counters, clocks.utc
@@ -89,13 +89,13 @@ class OwnPose:
         self.is_unplaced = self._frames.is_estimated and member.yaw_sigma_deg > _UNKNOWN_HEADING_DEG
         self._jumps = JumpDetector(speed_mps, epoch_offset, from_launch=member.is_exact)
         self._grounded, self._resting = Grounded(), Resting()
-        self._stated: VehicleState | None = None  # the newest telemetry, as the localisation states it
-        self._known: LocalFrame | None = None  # the last one known; keeps the inverse
+        self._stated: VehicleState | None = None  # the newest telemetry, with the errors that the localisation states
+        self._known: LocalFrame | None = None  # the last known frame, kept with its inverse
 
     def take(self, state: VehicleState) -> VehicleState | None:
-        """Take telemetry; returns it with its epoch, and with the error that a wrong clock adds to the position for others.
+        """Process telemetry. Return it with its epoch, and with the position error that a wrong own clock causes for the others.
 
-        Telemetry that is no newer than known, not finite or out of range is counted and dropped: None.
+        None for telemetry that is not newer than the newest, not finite, or out of range; it is counted and dropped.
         """
         last = self.vehicle
         if not _plausible(state):
@@ -116,18 +116,18 @@ class OwnPose:
         return vehicle
 
     def take_entry(self, entry: Entry) -> None:
-        """Take a new log entry: a relative observation from or of this drone relates its frame to the others'."""
+        """Process a new log entry: with a sighting by or of this drone, the heading of its frame can be known."""
         if isinstance(entry, Sighting) and self._drone in (entry.drone, entry.target):
             self.is_unplaced = False
 
     def left_out(self) -> None:
-        """Continue with the last frame: this drone's measurements do not count any more, so the log yields none."""
+        """Keep the last frame from now on: this drone's log entries do not count any more, so the log gives no frame."""
         self._frames.left_out(self.vehicle)
 
     @property
     def tells_frame(self) -> bool:
-        """Whether the others know this drone's frame by its poses in the log only. The frame is estimated, or published with the
-        poses after a jump, as soon as the position can be trusted.
+        """Whether the other drones know this drone's frame only from what it adds to the log: the frame is estimated, or, after a
+        jump out of the frame given by the mission, published with poses while the position is trusted.
         """
         vehicle = self.vehicle
         return self._frames.is_estimated or (
@@ -136,18 +136,20 @@ class OwnPose:
 
     @property
     def is_lost(self) -> bool:
-        """Whether this drone does not know its frame, and never will."""
+        """Whether this drone does not know its frame, and never will, because its log entries do not count any more."""
         return self._frames.is_left_out and self.frame is None
 
     @property
     def is_displaced(self) -> bool:
-        """Whether the localisation has jumped out of the frame given exactly by the mission while it was not watched."""
+        """Whether the position in the mission frame is lost, although the mission gives the frame exactly: the localisation has
+        jumped in a gap of the telemetry, or while the agent was down.
+        """
         return not self._frames.is_estimated and self.vehicle is not None and self.frame is None
 
     @property
     def kept_frame(self) -> KeptFrame | None:
-        """Return the present frame without the doubt, and its alternative, for an agent restarted in flight; None if not known,
-        or given by the mission.
+        """The present frame, and that of the alternative position hypothesis, to be stored for an agent restarted in flight; None
+        if not known, or given by the mission.
         """
         vehicle = self.vehicle
         if vehicle is None:
@@ -155,8 +157,8 @@ class OwnPose:
         return KeptFrame.of(vehicle.epoch, vehicle.stamp_ns, self._frames.undoubted(vehicle.epoch), self.otherwise)
 
     def remember(self, kept: KeptFrame) -> None:
-        """Take the plausible frame stored before the agent was restarted: it holds for its epoch until the log yields that frame,
-        and drifts. A frame continued from an exact one is published, and doubted, as before.
+        """Restore the frame stored before a restart of the agent, already checked to be plausible. It applies to its epoch until
+        the log gives that frame; until then its uncertainty grows. An alternative position hypothesis is restored with it.
         """
         self.is_unplaced = False
         self._frames.remember(kept, self.vehicle)
@@ -168,7 +170,7 @@ class OwnPose:
 
     @property
     def epoch_offset(self) -> int:
-        """The number of epochs added to the vehicle's own."""
+        """Number of epochs added to the vehicle's own count."""
         return self._jumps.offset
 
     @property
@@ -184,9 +186,9 @@ class OwnPose:
 
     @property
     def sigma_m(self) -> float:
-        """1 sigma of the horizontal position in the mission frame: by the frame's covariance if estimated.
+        """1 sigma (m) of the horizontal position in the mission frame; of an estimated frame by its covariance.
 
-        While the present frame is not known, the last one known counts. 0 before any telemetry.
+        While the present frame is not known, the last known one counts. 0 before any telemetry.
         """
         vehicle, frame = self.vehicle, self.frame or self._known
         if vehicle is None:
@@ -202,7 +204,7 @@ class OwnPose:
 
     @property
     def whereabouts(self) -> Whereabouts | None:
-        """Place and heading in the mission frame, with their errors; None if not known."""
+        """Position and heading in the mission frame, with their 1 sigma; None while not known."""
         vehicle, frame = self.vehicle, self.frame
         if vehicle is None or frame is None:
             return None
@@ -213,45 +215,47 @@ class OwnPose:
 
     @property
     def otherwise(self) -> Transform | None:
-        """The local frame in the mission frame if the localisation that has jumped is right; None without such a doubt."""
+        """The local frame (mission from local) by the alternative position hypothesis, that the localisation is right after its
+        unannounced jump; None without one.
+        """
         return self._frames.known.otherwise
 
     @property
     def doubt_m(self) -> float:
-        """Distance between the two possible positions of this drone after an unannounced jump; 0 without that doubt."""
+        """Distance (m) between the two possible positions of this drone after an unannounced jump; 0 without an alternative."""
         vehicle = self.vehicle
         return 0.0 if vehicle is None else self._frames.known.doubt_m(self._frames.at(vehicle.epoch), vehicle)
 
     def elsewhere(self) -> tuple[int, int] | None:
-        """Return the stamps between which the localisation may have been wrong, because it then jumped unannounced: once for each
-        such jump; None without one.
+        """Return the stamps between which the localisation may have been wrong before an unannounced jump. Each jump is reported
+        once; None without a new one.
         """
         told_once, self._frames.known.elsewhere = self._frames.known.elsewhere, None
         return told_once
 
     def carried(self, epoch: int) -> CarriedFrame | None:
-        """Return the frame of a recent epoch in the launch frame, for a drone whose frame the mission gives exactly; None for the
-        launch frame itself, and for an estimated one.
+        """Return the frame of a recent epoch relative to the launch frame, as published with measurements, for a drone whose
+        frame the mission gives exactly. None for the launch frame itself, and for an estimated frame.
         """
         return self._frames.carried(epoch)
 
     def in_mission(self, epoch: int, stamp_ns: int, position_m: Vector3) -> Vector3 | None:
-        """Return a place of the local frame where this drone was at a stamp of the log (UTC), in the mission frame, by the best
-        knowledge; None if not known.
+        """Convert a place where this drone was at a stamp of the log (UTC), from the local frame of ``epoch`` to the mission
+        frame. The log counts before the frame by continuous motion; None if neither gives it.
         """
         known = self.surest(epoch, stamp_ns, position_m)
         transform = self._frames.at(epoch, stamp_ns) if known is None else None
         return known[0] if known is not None else transform.apply_point(position_m) if transform is not None else None
 
     def surest(self, epoch: int, stamp_ns: int, position_m: Vector3) -> tuple[Vector3, float] | None:
-        """Return the position at a stamp of the log (UTC) in the mission frame, and its 1 sigma (m), by the log alone; None until
-        the log yields it.
+        """Convert a place where this drone was at a stamp of the log (UTC), from the local frame of ``epoch`` to the mission
+        frame, by the log alone. Return it with its 1 sigma (m); None until the log gives it.
         """
         known = self._frames.surest(epoch, stamp_ns, position_m)
         return (known[0].apply_point(position_m), known[1]) if known is not None else None
 
     def motion_at(self, stamp_ns: int) -> PeerState | None:
-        """Return position and velocity of this drone at a stamp of the last seconds, mission frame; None if not known."""
+        """Return position and velocity of this drone at a recent stamp (own time), mission frame; None if not known."""
         span_ns, state = self.history.span_ns, self.history.at(stamp_ns)
         if state is None or span_ns is None or stamp_ns < span_ns[0]:
             return None
@@ -261,7 +265,9 @@ class OwnPose:
         return PeerState(frame.apply_point(state.position_m), frame.rotate_direction(state.velocity_mps))
 
     def problems(self, now_ns: int) -> tuple[CodedText, ...]:
-        """Problems of implausible telemetry: unannounced jumps, false reports of a landing, motion on the ground."""
+        """Return the problems for the operator by implausible telemetry: unannounced jumps, an alternative position hypothesis,
+        false reports of a landing, motion on the ground.
+        """
         doubt_m = self.doubt_m
         text = f"it may be {doubt_m:.0f} m from where it believes to be: its localisation has jumped"
         doubted = CodedText(Code.POSITION_DOUBTFUL, text) if doubt_m else None

@@ -9,7 +9,7 @@ from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.codes import Code
 from radron.protocol.texts import CodedText
 
-UNSURE_M = 5.0  # 1 sigma of the own position in the mission frame beyond which the drone reports it
+UNSURE_M = 5.0  # 1 sigma of the own position in the mission frame above which the drone reports it
 NO_PLACE = CodedText(
     Code.POSITION_UNKNOWN,
     "where it is in the mission frame is not known: its localisation has jumped while its agent was down",
@@ -19,7 +19,9 @@ NO_PLACE = CodedText(
 def pose_problems(
     drone: str, own: OwnPose, clocks: Clocks, frames: SwarmFrames, now_ns: int, flying: bool
 ) -> tuple[CodedText, ...]:
-    """Return one line for each problem, the own ones first. Before a flight an unknown frame is no problem."""
+    """Return the problems for the operator: those of clock and localisation, and, in flight (``flying``), of the frames of all
+    drones, this one first.
+    """
     told = [problem for problem in (clocks.problem(now_ns), *own.problems(now_ns)) if problem is not None]
     if not flying:
         return tuple(told)

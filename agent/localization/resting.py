@@ -1,4 +1,4 @@
-"""Motion of a landed vehicle: either it is carried away, or its localisation is wrong."""
+"""Detection of motion after the landing: either the vehicle is carried away, or its localisation is wrong."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from radron.agent.vehicle.interface import VehicleState
 from radron.protocol.codes import Code
 from radron.protocol.texts import CodedText
 
-# A standing receiver's position wanders by a metre or two (multipath, the constellation). With spoofing, or a diverging filter,
-# it moves on and on. This limit and the stated errors avoid false alarms.
+# The position of a satellite receiver at rest wanders by a metre or two (multipath, the constellation). With spoofing, or a
+# diverging filter, it moves on and on. This limit, together with the stated errors, avoids false alarms.
 MOVED_M = 3.0
 _SIGMAS = 3.0
 
 
 class Resting:
-    """Takes the telemetry of one vehicle; on the ground after a flight its position is trusted as long as it stays the same.
+    """Check of the position of one vehicle on the ground after a flight: it is trusted only as long as it stays the same.
 
-    The camera continues measuring there, and in flight nothing on board could distinguish a slow slide of the position from
-    motion.
+    This matters because the camera goes on measuring there. In flight, a slow slide of the position cannot be distinguished from
+    motion. ``moved_m``: horizontal distance since the landing, if it is more than errors explain; else 0.
     """
 
     def __init__(self) -> None:
         self._has_flown = False
         self._place: tuple[int, Vector3, float] | None = None  # of the landing: epoch, position, 1 sigma
-        self.moved_m = 0.0  # since then, if more than errors explain
+        self.moved_m = 0.0
 
     def take(self, state: VehicleState, *, reports_down: bool) -> VehicleState:
-        """Return the telemetry; its position is untrusted after a motion on the ground.
+        """Process telemetry, and return it; its position is marked as not trusted if it has moved on the ground.
 
-        ``reports_down``: the autopilot reports a landing; ``state`` shows it only once it is confirmed.
+        ``reports_down``: the autopilot reports that the vehicle is down; ``state`` shows that only once it is confirmed.
         """
         if not reports_down:
             self._has_flown = self._has_flown or state.in_air
@@ -44,7 +44,7 @@ class Resting:
         return replace(state, position_trusted=False, position_sigma_m=max(state.position_sigma_m, self.moved_m))
 
     def problem(self) -> CodedText | None:
-        """Return the message to the operator on a vehicle that seems to have moved."""
+        """Return the problem for the operator that a landed vehicle seems to have moved; None without that."""
         if not self.moved_m:
             return None
         text = f"has moved by {self.moved_m:.0f} m since it landed, if its localisation is right: what it measures is not used"

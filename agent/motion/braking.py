@@ -1,4 +1,4 @@
-"""Braking: the stopping place, and the jerks that reach a given velocity as fast as the limits allow, in place of a plan."""
+"""Braking: the stopping point of a drone, and the jerks that reach a given velocity as fast as the limits allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tracker's vertical part: climbing within the limits and between floor and ceiling."""
+"""Vertical part of the tracker: it plans the height within the limits, between floor and ceiling of the fence."""
 
 from __future__ import annotations
 
@@ -35,10 +35,14 @@ class Climbing:
     def jerk(self, start: Array, optimum: Array, peaks: Peaks, guess: Array, ground: Array | None = None) -> tuple[Status, Array]:
         """Return the vertical jerks (H,) of a new plan of H steps, and how they were found.
 
-        start: (3, 1) height, velocity, acceleration; optimum: (4, H, 1) unconstrained jerks, heights, velocities, accelerations;
-        peaks:
-        its largest values; guess: (H, 1), initial values for the solver. ground: (H,) height of the ground below the plan at its
-        steps, if it is not level; floor and ceiling are then relative to it.
+        Args:
+            start: (3, 1), height, vertical velocity and acceleration at the start.
+            optimum: (4, H, 1), jerks, heights, velocities, accelerations of the unconstrained optimum.
+            peaks: its largest values.
+            guess: (H, 1), initial jerks for the solver.
+            ground: (H,), height of the ground below the plan at its steps, to which floor and ceiling are then relative; None:
+            level
+                ground.
         """
         if self._within_limits(float(start[0, 0]), optimum, peaks, ground):
             return Status.FREE, optimum[0, :, 0]

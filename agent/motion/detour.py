@@ -13,9 +13,8 @@ _EPS_M = 1e-4  # paths may leave the area by this much: they touch corners, and 
 
 
 class Detours:
-    """Finds shortest paths inside an area, around its corners if needed.
-
-    It uses a visibility graph over the area's inward (reflex) corners, built when first needed.
+    """Shortest paths inside an area, around its corners if needed, by a visibility graph over its inward (reflex) corners. The
+    graph is built when it is first needed.
     """
 
     def __init__(self, area: Polygon | MultiPolygon) -> None:
@@ -25,10 +24,8 @@ class Detours:
         self._graph: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def between(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the corners (P, 2) of the shortest path from start (2,) to end (2,), without the two; none if the straight line
-        is free.
-
-        None are also returned if the area does not connect the two.
+        """Return the corners (P, 2) of the shortest path from ``start`` (2,) to ``end`` (2,), without these two. (0, 2) if the
+        straight line is free, or if no path inside the area connects the two.
         """
         if self._sees(start[None], end[None])[0]:
             return np.empty((0, 2))
@@ -56,7 +53,7 @@ class Detours:
         return seen
 
     def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Reflex corners (C, 2) and the distances (C, C) between corners in view of each other, else infinity."""
+        """Return the reflex corners (C, 2), and the distances (C, C) between those in view of each other; infinite for others."""
         if self._graph is None:
             corners = np.concatenate([_inward_corners(part) for part in shapely.get_parts(self._area)])
             first, second = np.triu_indices(len(corners), k=1)
@@ -70,7 +67,7 @@ class Detours:
 
 
 def _inward_corners(part: Polygon) -> NDArray[np.float64]:
-    """Corners (C, 2) at which the area's boundary bends around an obstacle."""
+    """Return the reflex corners (C, 2) of a polygon: those at which a path may have to turn."""
     oriented = orient(part)  # exterior counter-clockwise, holes clockwise: the area is on the left
     found = []
     for ring in (oriented.exterior, *oriented.interiors):

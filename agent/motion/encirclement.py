@@ -1,13 +1,14 @@
-"""Encirclement: each drone's own arc around the hypothesis, from the poses of all drones, without leader or negotiation.
+"""Encirclement: the arc of each drone around the source, evenly spaced from the others, without leader or negotiation.
 
-Two laws (``EncirclementConfig.law``):
+Each drone computes its arc from the positions of all drones. There are two laws (``EncirclementConfig.law``):
 
-- ``paper``: Sec. V-C of the paper. The drone starts its arc a fixed bias beta away from its nearest neighbour by central
-  angle. The law has no equilibrium: at uniform spacing the bias still points away from whichever neighbour happens to be nearer,
-  so the spacing chatters around 2 pi / N by the tracker's response to a step of beta between two replans.
-- ``smooth``: a virtual structure. N slots, 2 pi / N apart, rotate at v/r; drones keep their cyclic order, and the phase of the
-  structure is the least-squares fit to the angles of all drones. Every drone computes the same structure from the same poses
-  and flies to its own slot. The movement of the centre enters by feed-forward.
+- ``paper``: Sec. V-C of the paper. The arc begins a fixed angle beta away from the nearest neighbour by central angle. The law
+has
+  no equilibrium: at even spacing beta still points away from whichever neighbour happens to be nearer. So the spacing oscillates
+  around 2 pi / N, by the tracker's response to a step of beta between two plans.
+- ``smooth``: a virtual structure of N slots, 2 pi / N apart, which rotates at v/r. Drones keep their order around the circle, and
+  the phase of the structure is the least-squares fit to the angles of all drones. So all drones compute the same structure from
+  the same positions, and each flies to its own slot. The velocity of the centre is fed forward.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from radron.agent.config.mission import EncirclementConfig, LimitsConfig
 from radron.agent.geometry import Array, Vector3
 from radron.agent.motion.reference import PeerState, Reference
 
-# angles are compared this far ahead: a drone near the centre has a direction of motion, but no meaningful angle
+# Angles are compared as predicted for this time ahead: a drone near the centre has a direction of motion, but no meaningful
+# angle.
 _LOOKAHEAD_S = 0.5
 MARGIN_M = 2.5  # between neighbours on the smallest circle, beyond the separation
 _CLOSING_SHARE = 0.5  # share of the acceleration limit for closing in; the rest is for the turn and for corrections
@@ -73,14 +75,14 @@ class Encirclement:
         """Return the part of the circle to fly in the next seconds, by the configured law.
 
         Args:
-            me: this drone; preferably the tracker's own state.
-            others: the other drones; preferably the states in their plans (poses work too), without stale ones.
-            my_id: breaks ties between drones at equal angles.
-            center: the source estimate; its z is the ground, and the flight is at z + height_m.
+            me: state of this drone; best that of its plan.
+            others: states of the other drones on the circle, by id; best those of their plans.
+            my_id: id of this drone; it decides the order of two drones at the same angle.
+            center: the source estimate; its z is that of the ground, and the flight is at z + height_m.
             center_velocity: of the source estimate, m/s.
-            radius_m, height_m: override the configured ones. The radius is never below what the separation of all drones needs.
-            doubt_m: added to that separation, for position errors and deviations from the plans.
-            stands: the drones' places on the circle do not rotate; only with the law ``smooth``.
+            radius_m, height_m: used instead of the configured ones. The radius is at least what the separation of all drones
+            needs. doubt_m: added to that separation, for position uncertainty and deviations from plans. stands: the slots of the
+            drones do not rotate; only with the law ``smooth``.
         """
         radius = max(radius_m or self._config.radius_m, minimum_radius(len(others) + 1, self._spacing_m + doubt_m))
         self._height_m = height_m or self._config.height_m
@@ -104,7 +106,7 @@ class Encirclement:
     def _offset_from_slot(
         self, me: PeerState, others: Mapping[str, PeerState], my_id: str, center: Vector3, center_velocity: Vector3
     ) -> float:
-        """Angle (rad) from this drone to its slot. Of two drones at the same angle, the smaller id comes first."""
+        """Return the angle (rad) from this drone to its slot. Of two drones at the same angle, the smaller id comes first."""
         mine = _angle(me, center, _LOOKAHEAD_S, center_velocity)
         ahead = []  # angles from this drone to the others, in [0, 2 pi]: their order around the circle
         for name, other in others.items():
@@ -116,7 +118,7 @@ class Encirclement:
         return sum(gap - 2.0 * pi * rank / count for rank, (gap, _) in enumerate(ahead, start=1)) / count
 
     def _arc(self, angle: float, radius: float, center: Vector3, center_velocity: Vector3, speed: float) -> Reference:
-        """The arc that begins at this angle now, around a centre that moves on at its velocity."""
+        """Return the reference on an arc that begins now at this angle (rad), around a centre that moves on at its velocity."""
         if (radius, speed) != self._circling:
             self._circling, angles = (radius, speed), (speed / radius) * self._times
             self._terms[:, 0], self._terms[:, 1] = np.cos(angles), np.sin(angles)
@@ -132,10 +134,10 @@ class Encirclement:
         return Reference(states[:, :3], states[:, 3:], self._config.step_s)
 
     def _approach(self, me: PeerState, slot: Reference) -> Reference:
-        """Lead from the drone's position to its moving slot: the offset shrinks along a straight line as fast as the limits
-        allow.
+        """Return the reference ``slot`` with an initial way to it: the offset of the drone from its moving slot shrinks along a
+        straight line as fast as the limits allow.
 
-        Closing speed over the remaining offset s: min(v_c, sqrt(2 a_c s)), the profile of a vehicle that brakes in time.
+        The closing speed at a remaining offset s is min(v_c, sqrt(2 a_c s)), as of a vehicle that brakes in time.
         """
         dx, dy, dz = (a - b for a, b in zip(me.position, slot.positions[0].tolist(), strict=True))
         vx, vy, _ = slot.velocities[0].tolist()
@@ -158,7 +160,7 @@ class Encirclement:
 
 
 def _angle(drone: PeerState, center: Vector3, ahead_s: float, center_velocity: Vector3 = (0.0, 0.0, 0.0)) -> float:
-    """Central angle (rad) of a drone ``ahead_s`` from now."""
+    """Return the central angle (rad) of a drone on the circle, ``ahead_s`` from now."""
     time = drone.age_s + ahead_s
     return atan2(
         drone.position[1] + drone.velocity[1] * time - center[1] - center_velocity[1] * ahead_s,
@@ -167,8 +169,8 @@ def _angle(drone: PeerState, center: Vector3, ahead_s: float, center_velocity: V
 
 
 def _stopping_profile(distance: float, speed: float, deceleration: float, times: Array) -> tuple[Array, Array]:
-    """Remaining distance and speed (K + 1,) for a motion over ``distance`` at ``speed`` that brakes with ``deceleration`` to a
-    stop.
+    """Return remaining distances and speeds, (K + 1,) each, at ``times``, of a motion over ``distance`` at ``speed`` that brakes
+    to a stop with ``deceleration``.
     """
     braking = speed * speed / (2.0 * deceleration)
     cruise = max(0.0, (distance - braking) / speed)

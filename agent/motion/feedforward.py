@@ -1,4 +1,4 @@
-"""Feed-forward: the acceleration setpoint with which a vehicle flies a plan exactly, and the deviation that remains.
+"""Feed-forward: the acceleration setpoint with which a vehicle flies a plan exactly, and a measure of the remaining deviation.
 
 A cascade such as PX4's (position P, velocity PID, a tilt with lag, drag; velocity and acceleration fed forward with gain 1) flies
 exactly p(t) if its setpoints, ahead by the dead time, are p, v and
@@ -6,8 +6,8 @@ exactly p(t) if its setpoints, ahead by the dead time, are p, v and
     a + D v + tau (j + D a - w x (a + D v)) + K_d a,
 
 with the acceleration a and jerk j of the plan, drag D, attitude lag tau, commanded yaw rate w (PX4 feeds it forward as a rotation
-about the vertical, which rotates the thrust too) and gain K_d on the derivative of the velocity. Its controllers then have
-nothing to correct, and its integrator holds the wind only.
+about the vertical, which rotates the thrust too) and gain K_d on the derivative of the velocity. Then the controllers have
+nothing to correct, and the integrator of the velocity controller compensates the wind alone.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def feedforward(
 
 
 def reaction_s(response: ResponseConfig) -> float:
-    """Return the delay (s) of the vehicle's reaction to a setpoint that is not sent in advance."""
+    """Return the delay (s) with which the vehicle reacts to a setpoint that is not sent ahead of time."""
     return response.lag_s + 1.5 * response.attitude_lag_s
 
 
 class Deviation:
-    """Running RMS of a vehicle's horizontal deviations from its plan, exponentially weighted, with an expected value to begin
-    with.
+    """Exponentially weighted RMS of a vehicle's horizontal deviations from its plans over the last 10 s. It begins with
+    ``expected_m``.
     """
 
     def __init__(self, expected_m: float) -> None:

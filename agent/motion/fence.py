@@ -1,4 +1,4 @@
-"""The geofence of a drone: a simple polygon, convex or not, with floor and ceiling."""
+"""Geofence of a drone: a simple polygon, convex or not, with floor and ceiling."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from radron.agent.config.mission import AreaConfig
 from radron.agent.errors import ConfigError
 from radron.agent.geometry import Array
 
-_PIECES = 12  # most half-planes of a local convex piece
+_PIECES = 12  # greatest number of half-planes of a convex part
 _SIMPLIFY_M = 0.5  # tolerance of the buffered outline at its round corners
 
 
 class Fence:
-    """The geofence of a drone: a polygon in the planning frame with a range of heights, metres.
+    """Geofence of a drone: a polygon in the planning frame, with a range of heights, metres.
 
-    The planner needs convex constraints: ``half_planes`` gives a convex piece of the polygon around a position; of a convex
-    polygon, all of it.
+    The planner needs convex constraints: ``half_planes`` gives a convex part of the polygon around a position; a convex polygon
+    is returned whole.
     """
 
     def __init__(self, outline: shapely.Polygon, floor_m: float, ceiling_m: float) -> None:
@@ -70,12 +70,11 @@ class Fence:
         return distance if shapely.contains_xy(self.outline, x, y) else -distance
 
     def half_planes(self, x: float, y: float) -> tuple[Array, Array]:
-        """Return a convex piece of the polygon around (x, y) as M half-planes: inward normals n (M, 2), offsets b (M,); inside n
-        . p >= b.
+        """Return a convex part of the polygon around (x, y) as M half-planes n . p >= b: inward normals n (M, 2), offsets b (M,).
 
-        In a non-convex polygon the nearest point of the boundary gives the first half-plane. The boundary behind it is cut off,
-        and the rest gives the next one in the same way. For a place outside, the only half-plane is at the nearest boundary. The
-        clipping is written by hand: with shapely's intersections a piece of an L-shaped fence takes 2.1 times as long.
+        In a non-convex polygon, the nearest point of the boundary gives the first half-plane. The boundary behind it is cut off,
+        and the rest gives the next one in the same way. For a place outside, there is one half-plane, at the nearest boundary.
+        The clipping is written by hand: with shapely's intersections, the part of an L-shaped fence takes 2.1 times as long.
         """
         if self._planes is not None:
             return self._planes
@@ -104,7 +103,7 @@ class Fence:
 
 
 def _nearest(place: Array, starts: Array, ends: Array) -> Array:
-    """Points (E, 2) of the edges that are nearest to a place (2,)."""
+    """Return the point of each edge that is nearest to a place (2,): (E, 2)."""
     edges = ends - starts
     along = np.einsum("ij,ij->i", place - starts, edges) / np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-12)
     points: Array = starts + np.clip(along, 0.0, 1.0)[:, None] * edges
@@ -112,7 +111,7 @@ def _nearest(place: Array, starts: Array, ends: Array) -> Array:
 
 
 def _in_front(starts: Array, ends: Array, normal: Array, offset: float) -> tuple[Array, Array]:
-    """The parts (starts, ends) of the edges that lie in n . p > b."""
+    """Return the parts of the edges in the half-plane n . p > b, as starts and ends, (E', 2) each."""
     first, last = starts @ normal - offset, ends @ normal - offset
     keep = np.maximum(first, last) > 1e-6
     starts, ends, first, last = starts[keep], ends[keep], first[keep], last[keep]

@@ -1,4 +1,4 @@
-"""From a reference to the tracker's goals: one for each step, inside the fence and within reach."""
+"""Goals of the tracker, one for each step of a plan: the reference, moved inside the fence and within reach."""
 
 from __future__ import annotations
 
@@ -15,14 +15,11 @@ Piece = tuple[Array, Array]  # half-planes n . p >= b: normals (M, 2), offsets (
 
 _FENCE_INSIDE_M = 1.5  # margin of plans to the fence, for the vehicle's deviation from them
 HEIGHT_INSIDE_M = 0.5  # the same to floor and ceiling
-_REACH_S = 0.5  # goals may be this much further ahead than full speed allows
+_REACH_S = 0.5  # goals may be as far away as full speed allows in their time and this time more
 
 
 class Goals:
-    """Turns the wanted path of a drone into goals for the tracker: one for each step, inside the fence and within reach.
-
-    The goals have the layout of ``Prediction.optimum``.
-    """
+    """Goals of a drone's tracker: positions and velocities at the steps of a plan, inside the fence and within reach."""
 
     def __init__(self, limits: LimitsConfig, fence: Fence, step_s: float, horizon: int) -> None:
         self._fence, self._step_s, self._horizon = fence, step_s, horizon
@@ -35,7 +32,7 @@ class Goals:
         self._boxes: Array = np.column_stack((flat, flat, self._climb * self._reach))
 
     def inside(self, x: float, y: float) -> Piece:
-        """Return a convex piece of the fence around a position as half-planes, shrunk by the margin that plans keep."""
+        """Return a convex part of the fence around a position as half-planes, shrunk by the margin of plans to the fence."""
         normals, offsets = self._fence.half_planes(x, y)
         return normals, offsets + _FENCE_INSIDE_M
 
@@ -55,11 +52,11 @@ class Goals:
         return distance > radius_m
 
     def of(self, reference: Reference, start: Array, height: float) -> Array:
-        """Return the goals (2 + 2 H, 3) for H steps: velocity and acceleration at the start, H positions relative to it, H
-        velocities.
+        """Return the goals (2 + 2 H, 3) for H steps, as ``Prediction.optimum`` takes them: velocity and acceleration at the
+        start, H positions relative to the start, H velocities.
 
-        start: (3, 3) position, velocity and acceleration of the plan's start. ``height``: z of the start in the height reference
-        of goals and fence: above the ground if that is not level.
+        ``start``: (3, 3), position, velocity and acceleration of the plan's start; ``height``: z of the start as reference and
+        fence count heights: above the ground if that is not level.
         """
         horizon = self._horizon
         wanted = np.empty((2 + 2 * horizon, 3))
@@ -94,7 +91,7 @@ class Goals:
             positions[:, axis] = np.interp(self._times, known, reference.positions[:, axis]) + after * velocities[:, axis]
 
     def _bring_within_reach(self, offsets: Array, velocities: Array) -> None:
-        """Limit goals to the distance that full speed allows: goals further away would only cost the solver accuracy."""
+        """Limit the distances of the goals to what full speed allows; larger ones would only reduce the solver's accuracy."""
         most = np.abs(offsets).max(axis=0).tolist()
         if max(most[0], most[1]) > self._speed * self._reach[0]:
             reach = self._speed * self._reach

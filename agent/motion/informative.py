@@ -1,4 +1,4 @@
-"""Informative search: the waypoint from which the expected information gain, on the way and there, is largest.
+"""Informative search: choice of the waypoint with the largest expected information gain, on the way and there.
 
 The information that a count over T seconds gives about the position of a source is 4 T Var(sqrt(lambda)) over the possible
 positions, with the expected rate lambda. (The square root of a Poisson count has a variance of 1/4, whatever the rate.) The
@@ -25,21 +25,21 @@ Indices = NDArray[np.intp]
 HITS_PER_BQ = 1.07e-6
 BACKGROUND_PS = 1.5
 _AIR_PER_M = 0.00934
-_BLOCKS = 300  # blocks that a belief is pooled into; more where they would become too large
-_NODES = 200  # nodes of the waypoint lattice; more likewise
-_COARSEST_M = 12.0  # largest spacing of both: about the distance at which a weak source shows
+_BLOCKS = 300  # number of blocks into which possible source positions are pooled; more if they were larger than _COARSEST_M
+_NODES = 200  # number of candidate waypoints; likewise
+_COARSEST_M = 12.0  # largest spacing of blocks and waypoints: about the distance at which a weak source can be measured
 LARGEST_M2 = 90_000.0  # largest bounding box of an area: limits the computation to a few ms
-_SAMPLES = 12  # points at which the rate is evaluated on the way to a waypoint
-_HORIZON_S = 15.0  # time over which information is counted
-_STAY = 0.5  # weight of time spent at the waypoint: staying gives diminishing returns
+_SAMPLES = 12  # points on the way to a waypoint at which the information rate is evaluated
+_HORIZON_S = 15.0  # time over which information is added up
+_STAY = 0.5  # weight of time spent at the waypoint: a further measurement at one place gives less information
 _LEFT = 0.2  # weight of positions that are left to the other drones
 
 
 class Belief(Struct, frozen=True):
-    """The posterior of a search as the planner needs it: C possible places of a source on a regular grid.
+    """Posterior of the search, as the planner needs it: C possible positions of a source on a regular grid.
 
-    places: (C, 2) m; weight: (C,) probabilities, summing to 1 - none; activity_bq: (C,) activity of a source there. none:
-    probability that there is no source.
+    places: (C, 2) m. weight: (C,), probability of a source at each; their sum is 1 - ``none``. activity_bq: (C,), expected
+    activity of a source there. none: probability that there is no source.
     """
 
     places: Array
@@ -49,7 +49,7 @@ class Belief(Struct, frozen=True):
 
 
 class Waypoints:
-    """Chooses waypoints of largest expected information gain inside one area, whose bounding box is at most LARGEST_M2."""
+    """Choice of waypoints with the largest expected information gain in an area with a bounding box of at most LARGEST_M2."""
 
     def __init__(self, area: Polygon, height_m: float, speed_mps: float, acceleration_mps2: float) -> None:
         """Set up the candidate waypoints.
@@ -91,8 +91,9 @@ class Waypoints:
             belief: possible positions of a source.
             position: this drone's; frame of the area.
             velocity: this drone's.
-            others: positions of the drones that share the search; places nearer to them are mostly left to them.
-            behind: (x, y, b) of lines: a waypoint p has n . p >= b for n = (x, y), if any place has.
+            others: positions of the drones that share the search; source positions nearer to them are mostly left to them.
+            behind: lines (x, y, b) that a waypoint p must not cross: n . p >= b with n = (x, y). If no candidate is behind all
+                lines, those that violate them least count.
         """
         rates = self._information_rate(*self._pooled(belief), position, others)
         away = self._candidates - position
@@ -111,7 +112,7 @@ class Waypoints:
         return x, y
 
     def _pooled(self, belief: Belief) -> tuple[Array, Array, float]:
-        """Weights (B,) and activities (B,) of the belief by block, and the weight of no source."""
+        """Return the probability and the mean activity of a source in each block, (B,) each, and the probability of no source."""
         if self._places is None or not np.array_equal(belief.places, self._places):
             self._make_blocks(belief.places)
         self._places = belief.places
@@ -134,7 +135,7 @@ class Waypoints:
         self._gain = HITS_PER_BQ * np.exp(-_AIR_PER_M * np.sqrt(squared)) / squared
 
     def _information_rate(self, weight: Array, activity: Array, none: float, position: Point2, others: Sequence[Point2]) -> Array:
-        """Information rate 4 Var(sqrt(lambda)) (W,) of counts at each node, per second."""
+        """Return the information rate 4 Var(sqrt(lambda)) of counts at each node, (W,), per second."""
         if others:
             mine = np.hypot(*(self._centres - position).T)
             nearest = np.min([np.hypot(*(self._centres - other).T) for other in others], axis=0)
@@ -148,7 +149,7 @@ class Waypoints:
         return found
 
     def _node_at(self, points: Array) -> Indices:
-        """Indices (...) of the nodes nearest to points (..., 2)."""
+        """Return the indices (...) of the nodes nearest to points (..., 2)."""
         columns = np.clip(((points[..., 0] - self._corner[0]) / self._pitch[0]).astype(np.intp), 0, self._shape[1] - 1)
         rows = np.clip(((points[..., 1] - self._corner[1]) / self._pitch[1]).astype(np.intp), 0, self._shape[0] - 1)
         numbers: Indices = rows * self._shape[1] + columns

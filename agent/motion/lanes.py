@@ -1,8 +1,8 @@
-"""Lanes that cover one connected piece of an area: every point is within half the lane spacing of some lane.
+"""Lanes that cover one connected part of an area: every point is within half the lane spacing of some lane.
 
-The piece is cut into slabs, and each slab into cells in which its cross-section is one interval. The lane of a cell runs along
-the middle of the slab, or along the edge of a piece that does not reach the middle. So every point of a cross-section is within
-half a slab of the lane. Adjoining cells share one lane.
+The part is cut into parallel slabs, as wide as the lane spacing, and each slab into cells in which each cross-section is one
+interval. The lane of a cell runs along the middle of the slab, or, where the cell does not reach the middle, along its edge next
+to it. So every point of a cross-section is within half a slab of the lane. Adjoining cells share one lane.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _EPS_M = 1e-6
 
 @dataclass(slots=True)
 class _OpenLane:
-    """A lane during the scan along the slab. ``low``, ``high``: the cross-section at its right end."""
+    """Lane that is not finished yet in the scan along a slab. ``low``, ``high``: cross-section of its cell at the right end."""
 
     low: float
     high: float
@@ -54,9 +54,10 @@ def lanes(piece: Polygon, spacing_m: float) -> list[NDArray[np.float64]]:
 
 
 def _lane_direction(piece: Polygon, spacing_m: float) -> NDArray[np.float64]:
-    """Unit vector (2,) along the edge across which the piece is narrowest; of equals, the nearest to x.
+    """Return the unit vector (2,) along the lanes: along the edge across which the part is narrowest; of equal ones, that nearest
+    to the x axis.
 
-    Edges shorter than the spacing count only without a longer edge: short edges approximate the rounded ends of covered swaths.
+    Edges shorter than the spacing count only if all are: short edges approximate the rounded ends of covered strips.
     """
     corners = shapely.get_coordinates(piece.exterior)
     steps = np.diff(corners, axis=0)
@@ -71,7 +72,9 @@ def _lane_direction(piece: Polygon, spacing_m: float) -> NDArray[np.float64]:
 
 
 def _lanes_of_slab(cell: Polygon, middle: float) -> list[NDArray[np.float64]]:
-    """Lanes of one connected part of a slab; lanes run along x, cross-sections along y."""
+    """Return the lanes of one connected part of a slab; lanes run along x, cross-sections along y. ``middle``: y of the slab's
+    middle.
+    """
     segments = _edges(cell)
     stops = _distinct(segments[:, :, 0].ravel())
     done: list[_OpenLane] = []
@@ -91,7 +94,7 @@ def _lanes_of_slab(cell: Polygon, middle: float) -> list[NDArray[np.float64]]:
 
 
 def _edges(cell: Polygon) -> NDArray[np.float64]:
-    """All edges except vertical ones as (M, 2, 2), each from left to right."""
+    """Return all edges except vertical ones, (M, 2, 2), each from left to right."""
     rings = [shapely.get_coordinates(ring) for ring in (cell.exterior, *cell.interiors)]
     segments = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
     segments = segments[np.abs(segments[:, 1, 0] - segments[:, 0, 0]) > _EPS_M]
@@ -111,7 +114,7 @@ _Section = tuple[tuple[float, float], tuple[float, float]]  # lower edge at star
 
 
 def _sections(segments: NDArray[np.float64], start: float, end: float) -> list[_Section]:
-    """The intervals of the cross-section between two neighbouring stops, in ascending order."""
+    """Return the intervals of the cross-section between neighbouring corners at x = ``start`` and ``end``, in ascending order."""
     half = 0.5 * (start + end)
     spanning = segments[(segments[:, 0, 0] <= half) & (segments[:, 1, 0] > half)]
     x = np.clip(np.array([[start, half, end]]), spanning[:, 0, :1], spanning[:, 1, :1])
@@ -122,7 +125,7 @@ def _sections(segments: NDArray[np.float64], start: float, end: float) -> list[_
 
 
 def _follow(lane: _OpenLane, sections: list[_Section], open_lanes: list[_OpenLane]) -> int | None:
-    """Index of the section that continues a lane; None where the lane ends, splits or merges with another."""
+    """Return the index of the section that continues a lane; None if the lane ends, splits, or merges with another one."""
     meeting = [number for number, section in enumerate(sections) if _meets(lane, section)]
     if len(meeting) != 1 or sum(_meets(other, sections[meeting[0]]) for other in open_lanes) != 1:
         return None
@@ -136,7 +139,7 @@ def _meets(lane: _OpenLane, section: _Section) -> bool:
 def _along(
     start: float, end: float, low: tuple[float, float], high: tuple[float, float], middle: float
 ) -> list[tuple[float, float]]:
-    """Points of the middle line between two stops, clamped to the section."""
+    """Return the points of a lane from x = ``start`` to ``end``: on the middle of the slab, limited to the section."""
     fractions = [0.0, 1.0]
     for first, last in (low, high):
         if (first - middle) * (last - middle) < 0.0:
@@ -151,7 +154,7 @@ def _along(
 
 
 def _thinned(points: list[tuple[float, float]]) -> NDArray[np.float64]:
-    """The polyline without repeated and collinear points."""
+    """Return the polyline without repeated and collinear points."""
     line: NDArray[np.float64] = np.array(points)
     far = np.concatenate([[True], np.abs(np.diff(line, axis=0)).max(axis=1) > _EPS_M])
     line = line[far]

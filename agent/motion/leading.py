@@ -1,4 +1,4 @@
-"""The centre of the circle now: the hypothesis extrapolated by its velocity, with limits on the effect of a wrong one."""
+"""Centre of the circle: the source estimate, extrapolated to now by its velocity; the effect of a wrong velocity is limited."""
 
 from __future__ import annotations
 
@@ -11,19 +11,16 @@ from shapely.ops import nearest_points
 from radron.agent.config.mission import AreaConfig
 from radron.agent.geometry import Point2
 
-_LONGEST_S = 1.0  # longest extrapolation of a hypothesis
-_SMOOTHING_S = 0.7  # time constant of the velocity: without smoothing, every update would shake the circle
+_LONGEST_S = 1.0  # longest extrapolation of a source estimate
+_SMOOTHING_S = 0.7  # time constant of the velocity: without smoothing, the circle would jerk at every update
 _CORRECTION_S = 0.5  # time constant of position corrections
-_CORRECTION_MPS = 4.0  # speed limit of corrections: neighbours that turn at full speed all at once come too close to each other
-_SURELY = 0.999  # factor on clearances that absorbs rounding
+_CORRECTION_MPS = 4.0  # speed limit of corrections: neighbours that all turn at full speed at once come too close to each other
+_SURELY = 0.999  # factor on clearances, for rounding errors
 _FORGET_S = 2.0  # smoothed values older than this are discarded
 
 
 class Leading:
-    """Predicts where a moving source is now, as the centre of one drone's circle, with limits on the effect of a wrong velocity.
-
-    Mission frame.
-    """
+    """Prediction of the present position of a moving source, as the centre of one drone's circle; mission frame."""
 
     def __init__(self, area: AreaConfig, most_mps: float, room_m: float) -> None:
         """Set the limits.
@@ -79,7 +76,7 @@ class Leading:
         return keep * self._velocity[0] + new * velocity[0], keep * self._velocity[1] + new * velocity[1]
 
     def _moved(self, wanted: Point2, elapsed_s: float) -> Point2:
-        """The last centre moved on by the velocity, and corrected towards ``wanted`` within the limit."""
+        """Return the last centre, moved on by its velocity, and corrected towards ``wanted`` at a limited speed."""
         if self._place is None:
             return wanted
         (x, y), (u, v) = self._place, self._velocity

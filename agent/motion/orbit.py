@@ -1,5 +1,7 @@
-"""Radius and height of the circle, from the accuracy of the hypothesis. The information of a camera falls with about the fourth
-power of the distance, so a smaller circle is better. But a circle smaller than the hypothesis' error may not contain the source.
+"""Radius and height of the circle around the source, from the accuracy of the source estimate.
+
+The information that a camera gains falls with about the fourth power of the distance, so a smaller circle is better. But a circle
+smaller than the error of the estimate may not contain the source.
 """
 
 from __future__ import annotations
@@ -10,22 +12,22 @@ from radron.agent.config.mission import EncirclementConfig, MissionConfig
 from radron.agent.motion.encirclement import MARGIN_M, minimum_radius
 from radron.agent.motion.informative import BACKGROUND_PS, HITS_PER_BQ
 
-_RADIUS_MPS = 2.0  # rate limit; lets the tracker follow, and keeps neighbours apart that change at different times
-_HEIGHT_MPS = 0.5
-_TIME_S = 1.5  # time constant of the approach
+_RADIUS_MPS = 2.0  # greatest change of the radius: the tracker can follow it, and neighbours that change later stay apart
+_HEIGHT_MPS = 0.5  # greatest change of the height
+_TIME_S = 1.5  # time constant of the approach to the wanted radius and height
 _LONGEST_S = 1.0  # longest time step
-_OVER_FLOOR_M = 0.8  # reserve for gusts and turns, which take up to 0.5 m
-_WIDEST_M = 40.0
-_CLEAR_OF_BACKGROUND = 4.0  # least signal of the source, in multiples of the background
+_OVER_FLOOR_M = 0.8  # least height above the floor of the fence: gusts and turns take up to 0.5 m
+_WIDEST_M = 40.0  # largest radius
+_CLEAR_OF_BACKGROUND = 4.0  # least count rate by the source on the circle, in multiples of the background's
 
 
 def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> float:
-    """Return the radius (m) of one of the concentric circles around the source that parts of a swarm without a link between them
-    fly.
+    """Return the radius (m) of one of the concentric circles around the source, of which each network component flies another
+    one.
 
-    The circles are apart by twice the separation, so that the vehicles' deviations do not bring drones together. See
-    ``ring_lift_m``. ``ring``: number of the circle, 0 is the one shared by linked drones; ``fits_hypothesis``: the radius of that
-    circle follows the RMS error of the source estimate.
+    They are apart by twice the separation, so that the vehicles' deviations do not bring drones together. ``ring``: number of the
+    circle, 0 is the innermost, which all drones share while all links work; ``fits_hypothesis``: the radius of that one follows
+    the accuracy of the source estimate.
     """
     config, limits = mission.encirclement, mission.limits
     shared_m = min(config.nearest_m, config.radius_m) if fits_hypothesis else config.radius_m
@@ -34,32 +36,31 @@ def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> f
 
 
 def ring_change_s(mission: MissionConfig) -> float:
-    """Return the longest time (s) that a drone needs from the shared circle to any other circle of drones without a link."""
+    """Return the longest time (s) that a drone needs from the innermost circle to any other one."""
     outermost_m = ring_radius_m(mission, len(mission.drones) - 1, fits_hypothesis=True)
     return (outermost_m - ring_radius_m(mission, 0, fits_hypothesis=True)) / _RADIUS_MPS + 2.0 * _TIME_S
 
 
 def ring_lift_m(mission: MissionConfig, ring: int) -> float:
-    """Return how much higher (m) a circle of drones without a link is than the shared circle: every second circle by the
-    separation.
+    """Return by how much (m) a circle is higher than the innermost one: every second circle by the separation, else 0.
 
-    Drones without a link have different source estimates, several metres apart if one has few cameras, so that their circles may
-    cross.
+    Network components have different source estimates, several metres apart if one component has few cameras. So their circles
+    may cross.
     """
     return mission.limits.separation_m * (ring % 2)
 
 
 def highest_circle_m(mission: MissionConfig) -> float:
-    """Return the height (m) above the ground that no drone's circle around a source exceeds."""
+    """Return the greatest height (m) above the ground of any drone's circle around a source."""
     return mission.encirclement.height_m + ring_lift_m(mission, 1)
 
 
 def second_height_m(mission: MissionConfig) -> float | None:
-    """Return the height (m) above the ground of the second half of a turn around a source; None if one height suffices.
+    """Return the height (m) above the ground for the second half of a turn around a source; None if one height suffices.
 
-    One height suffices if the source's height is known. From one height alone, counts fit a source above the cameras and its
-    mirror image below them alike. Two limits hold. Crossing or returning drones pass over the highest circle. The lowest altitude
-    layer for a return after the loss of an agent stays free.
+    One height suffices if all sources lie on the ground. Otherwise counts from one height alone cannot distinguish a source above
+    the cameras from its mirror image below them. The second height is at most that of the highest circle, over which crossing and
+    returning drones pass, and stays below the lowest altitude layer by the separation.
     """
     if mission.source_height_m[1] <= 0.0:
         return None
@@ -93,11 +94,11 @@ class Orbit:
         Args:
             now_ns: own time.
             rms_m: RMS position error of the source estimate.
-            activity_bq: of the source, if known.
-            lost: the circle may be wider than configured: the source is only known to be within ``rms_m``.
-            ring_m: prescribed radius, whatever the accuracy.
-            lift_m: height above the best one.
-            least_m: minimum height, though lower is better.
+            activity_bq: activity of the source; None if not known.
+            lost: the source is lost, and only known to be within ``rms_m``: the circle may be wider than configured.
+            ring_m: prescribed radius, whatever the accuracy; None: by the accuracy.
+            lift_m: added to the height.
+            least_m: minimum height above the ground before ``lift_m`` is added.
         """
         passed_s = 0.0 if self._stamp_ns is None else (now_ns - self._stamp_ns) * 1e-9
         elapsed_s = min(passed_s, _LONGEST_S)
@@ -111,7 +112,7 @@ class Orbit:
         return min(max(rms_m, self._nearest_m), _WIDEST_M) if lost else self._radius(rms_m, activity_bq)
 
     def _radius(self, rms_m: float, activity_bq: float | None) -> float:
-        """As near as the accuracy of the hypothesis allows, and nearer where a weak source would not be seen from there."""
+        """Return the radius (m) by the accuracy of the source estimate; smaller for a source too weak to be seen from there."""
         most = self._config.radius_m
         if activity_bq is not None:
             most = min(most, sqrt(HITS_PER_BQ * activity_bq / (_CLEAR_OF_BACKGROUND * BACKGROUND_PS)))
@@ -119,5 +120,7 @@ class Orbit:
 
 
 def _step(way: float, most_mps: float, elapsed_s: float) -> float:
-    """The change within this time: limited to that speed, and exponential near the end to avoid an overshoot."""
+    """Return the change within ``elapsed_s`` towards a value that is ``way`` away: at ``most_mps`` at most, and exponentially
+    slower near the end, so that it does not overshoot.
+    """
     return min(max(way / _TIME_S, -most_mps), most_mps) * elapsed_s

@@ -1,4 +1,4 @@
-"""Following a survey path: the progress of a drone along it, and the reference over the horizon at constant speed."""
+"""Flight along a survey path: the progress of a drone along it, and the reference at constant speed."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-_LEAD_IN_M = 2.0  # closer to the path than this, the reference lies on the path
+_LEAD_IN_M = 2.0  # a drone nearer to the path than this is not led to it: the reference lies on the path
 _SHORTEST_M = 0.1  # a shorter path is a single point to stay at
-_REACH_M = 3.0  # more than a drone flies between two updates, less than the distance to a neighbouring lane
+_REACH_M = 3.0  # greatest progress in one update: more than a drone flies, less than the distance to a neighbouring lane
 
 
 class PathFollower:
-    """A path of straight legs that a drone flies at constant speed, by its arc length (metres flown along the path).
+    """Path of straight legs that a drone flies at constant speed, as a function of the arc length (m flown along the path).
 
-    At its end the path reverses, and so on: arc lengths are unbounded. The caller keeps the progress; the object is immutable.
-    Coordinates are horizontal, metres. Corners are not rounded: the tracker does that.
+    At its end the path reverses, and again at its begin, so arc lengths are unbounded. The caller keeps the progress; the object
+    does not change. Positions are horizontal, metres. Corners are not rounded: the tracker does that.
     """
 
     def __init__(self, path: NDArray[np.float64]) -> None:
@@ -71,11 +71,10 @@ class PathFollower:
     def reference(
         self, s: float, position: Sequence[float], speed_mps: float, steps: int, step_s: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the wanted positions now and at the next ``steps`` steps, at constant speed along the path from arc length ``s``
-        on.
+        """Return the reference now and at the next ``steps`` steps, at constant speed along the path from arc length ``s`` on.
 
-        A drone that is off the path is first led back to it, straight and at that speed. ``position`` should be the tracker's
-        planned position, which the vehicle follows with a lag: with the measured one the reference would hold the tracker back.
+        A drone that is off the path is first led back to it, straight and at that speed. ``position`` should be the planned
+        position, which the vehicle follows with a lag: a reference from the measured position would slow down the plan.
 
         Returns:
             Positions (steps + 1, 2) and velocities (steps + 1, 2), each velocity the difference to the next position per step.
@@ -93,7 +92,9 @@ class PathFollower:
         return points[:-1], np.diff(points, axis=0) / step_s
 
     def _legs_from(self, low: float, high: float) -> list[tuple[float, float, float, float, float, float]]:
-        """The legs (arc length at the start, start, unit vector, length) that overlap [low, high], in order of flight."""
+        """Return the legs that overlap the arc lengths [low, high], in the order of the flight: arc length at the start, start,
+        unit vector, length.
+        """
         if not self._legs:
             return []
         found = []

@@ -1,4 +1,4 @@
-"""The tracker's model: a triple integrator per axis with piecewise constant jerk, condensed over the horizon.
+"""Motion model of the tracker: a triple integrator for each axis with piecewise constant jerk, in matrix form over all steps.
 
 State x = (p, v, a), input j, step h:  p' = p + h v + h^2/2 a + h^3/6 j,  v' = v + h a + h^2/2 j,  a' = a + h j.
 """
@@ -19,14 +19,13 @@ JERK_WEIGHT = 0.05  # s6
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Matrices of the tracker's motion model over H steps: they give positions, velocities and accelerations from the jerks.
+    """Matrices of the motion model over H steps, for one axis. Rows are the steps 1 .. H; p0, v0, a0 is the state at the start.
 
-    Rows are the steps 1 .. H. position, velocity, acceleration: (H, H), from the jerks; forced: (3 H, H), the three stacked;
-    free:
-    (3 H, 2), from the velocity v0 and acceleration a0 at the start, with position p0 = 0. hessian: (H, H) of the tracking cost.
-    optimum: (4 H, 2 + 2 H), from (v0, a0, reference positions - p0, reference velocities) to the unconstrained minimum of the
-    cost:
-    jerks, positions - p0, velocities, accelerations.
+    position, velocity, acceleration: (H, H), each from the jerks. forced: (3 H, H), the three stacked.
+    free: (3 H, 2), positions, velocities, accelerations from v0 and a0 without jerk, for p0 = 0.
+    hessian: (H, H), of the tracking cost.
+    optimum: (4 H, 2 + 2 H), from (v0, a0, H reference positions - p0, H reference velocities) to the unconstrained minimum of
+        the cost: H jerks, positions - p0, velocities, accelerations.
     """
 
     position: Array

@@ -1,10 +1,10 @@
-"""The constrained tracking problem: limits and half-planes, solved by OSQP.
+"""Optimisation of a plan within limits and half-planes: a quadratic programme, solved by OSQP.
 
 The unknowns are the deviations w of the jerks from the unconstrained optimum, so the cost is w' H w / 2. Every bound is a limit
-minus the optimum's own value. Half-planes are soft, with one slack per step. The cost of slack dominates the tracking cost: a
-drone inside a forbidden zone is led out of it, without an infeasible problem.
+minus the value of the optimum. Half-planes are soft: each step has a slack, by which its half-planes may be violated, at a cost
+far above that of the tracking. So a drone beyond a half-plane is led back, and the problem is never infeasible.
 
-The solver must be deterministic: no time limit, its step size adapted at fixed iterations, and a limited number of these.
+The solver must be deterministic: no time limit, a step size adapted at fixed iterations, and a limited number of iterations.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scipy import sparse
 from radron.agent.geometry import Array
 from radron.agent.motion.prediction import Prediction
 
-# Both signs of each: eight sides. Rounded, so that zeros are exact and need no entry in the matrix.
+# Normals of an octagon's sides; each counts with both signs. Rounded, so that zeros are exact and need no entry in the matrix.
 _OCTAGON: Array = np.array([[cos(k * pi / 4.0), sin(k * pi / 4.0)] for k in range(4)]).round(15)
 OCTAGON_INRADIUS = cos(pi / 8.0)  # of an octagon whose corners lie on the unit circle
 _SLACK_WEIGHT = 100.0  # cost of a step's slack, 1/m2; a position error costs 1/m2
@@ -49,8 +49,8 @@ _has_caught_sigint = ctypes.CDLL(osqp.ext_builtin.__file__).osqp_is_interrupted
 class HalfPlanes:
     """Limits on the planned positions p: up to R half-planes n . p >= b for each of H steps.
 
-    normals: (R, H, axes) n; offsets: (R, H) b; -inf for no limit. yielding: (R, H) metres by which a limit yields per metre by
-    which the step's limits have to yield; more than 1 for limits of lower priority.
+    normals: (R, H, axes), n. offsets: (R, H), b; -inf: no limit. yielding: (R, H), metres by which a limit is relaxed per metre
+    of its step's slack; more than 1 for limits of lower priority.
     """
 
     normals: Array
@@ -59,10 +59,9 @@ class HalfPlanes:
 
 
 class LimitedProblem:
-    """The optimisation of a plan in one or two axes, with limits on speed, acceleration and jerk, and half-planes on the
-    position.
+    """Optimisation of a plan in one or two axes, with limits on speed, acceleration and jerk, and half-planes on the position.
 
-    With two axes each limit is an octagon inscribed in its circle; with one axis, an interval.
+    With two axes, the limits on speed and acceleration are octagons inscribed in their circles; with one axis, intervals.
     """
 
     def __init__(self, prediction: Prediction, step_s: float, axes: int, limits: tuple[float, float, float], rows: int) -> None:
@@ -99,9 +98,10 @@ class LimitedProblem:
         )
 
     def _layout(self, fixed: sparse.spmatrix) -> tuple[sparse.csc_matrix, NDArray[np.int32]]:
-        """Constraint matrix with placeholders for the half-planes, and the positions of their values in its data.
+        """Return the constraint matrix with placeholders for the half-planes, and the indices of the placeholders in its data.
 
-        Order of the placeholders: row of the step, axis, lower triangle of (H, H); then row of the step, slack of each step.
+        Their order: for each half-plane of a step and each axis, the lower triangle of (H, H); then, for each half-plane of a
+        step, the slack of each step.
         """
         horizon, axes, rows = self._horizon, self._axes, self._rows
         self._steps, starts = np.tril_indices(horizon)
@@ -127,18 +127,23 @@ class LimitedProblem:
         return matrix, where.astype(np.int32)
 
     def solve(self, start: Array, optimum: Array, planes: HalfPlanes | None, guess: Array) -> Array | None:
-        """Return the jerks (H, axes) for H steps, within the limits and as near as possible to the unconstrained optimum.
+        """Return the jerks (H, axes) for H steps, within the limits and as near as possible to the unconstrained optimum; None
+        without a usable solution.
 
-        Return None without a usable solution. start: (3, axes), position, velocity, acceleration now; optimum: (4, H, axes),
-        jerk, position, velocity, acceleration of the unconstrained optimum; guess: (H, axes), initial jerks. A vehicle beyond a
-        limit must approach it again, not be within it at once.
+        A speed or acceleration beyond its limit at the start has to return to the limit gradually, not at once.
+
+        Args:
+            start: (3, axes), position, velocity, acceleration at the start.
+            optimum: (4, H, axes), jerks, positions, velocities, accelerations of the unconstrained optimum.
+            planes: half-planes on the position; None: none.
+            guess: (H, axes), initial jerks for the solver.
         """
         jerk, position, velocity, acceleration = optimum
         horizon, axes = self._horizon, self._axes
         lower, upper = self._lower, self._upper
         size = len(self._directions) * horizon
         rate, force = start[1:] @ self._directions.T
-        # after the acceleration has been taken back
+        # Speed in each direction once the acceleration at the start is down to zero.
         speed = float(np.abs(rate + force * np.abs(force) / (2.0 * self._jerk)).max())
         pull = float(np.abs(force).max())
         braked = np.maximum(self._speed, speed - 0.5 * self._acceleration * self._times)
@@ -169,11 +174,11 @@ class LimitedProblem:
 
 
 def _solved(solver: osqp.OSQP) -> Any:
-    """OSQP's result; no SIGINT gets lost meanwhile.
+    """Solve the problem, and return OSQP's result, without the loss of a SIGINT in the meantime.
 
-    OSQP catches SIGINT itself while it solves, and only stops. So the signal is kept back until the solution is there. If another
-    thread of the process lets it through, it is raised anew. This ends a simulation. An agent ignores the signal, and the problem
-    is solved once more.
+    OSQP catches SIGINT while it solves, and merely stops. So the signal is blocked until the solution is there. If it arrives
+    through another thread of the process, it is raised again. That ends a simulation; an agent ignores the signal, and the
+    problem is solved once more.
     """
     while True:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -1,4 +1,4 @@
-"""Inputs of the tracker from the planners, and states of the other drones.
+"""Reference path of a drone, the input of its tracker, and the state of a drone.
 
 All of ``radron.agent.motion`` works in one planning frame, the drone's own local ENU frame: metres, seconds, radians.
 """
@@ -11,7 +11,7 @@ from radron.agent.geometry import Array, Vector3
 
 
 class PeerState(Struct, frozen=True):
-    """Position (m) and velocity (m/s) of a drone. ``age_s``: age of these data; users extrapolate by it."""
+    """Position (m) and velocity (m/s) of a drone. ``age_s``: age of these data, over which users extrapolate them."""
 
     position: Vector3
     velocity: Vector3 = (0.0, 0.0, 0.0)
@@ -19,10 +19,8 @@ class PeerState(Struct, frozen=True):
 
 
 class Reference(Struct, frozen=True):
-    """The positions where a drone should be at the times 0, step_s, 2 step_s, ... from now, K + 1 in all; they need not be
-    feasible.
-
-    positions: (K + 1, 3) m; velocities: (K + 1, 3) m/s.
+    """Wanted path of a drone: positions (m) and velocities (m/s), (K + 1, 3) each, at the times 0, step_s, 2 step_s, ... from
+    now. The vehicle need not be able to fly it; the tracker makes a plan from it.
     """
 
     positions: Array

@@ -1,7 +1,8 @@
-"""Inter-agent separation: half-planes along the horizon from the peers' plans; as a last resort evasion by measured positions.
+"""Separation from other drones: half-planes for each step of a plan, from the peers' plans; as a last resort evasion by measured
+positions.
 
 Distances are horizontal: because of the downwash, drones do not pass above one another. Of two drones the one with the smaller id
-has the right of way. It keeps 60 % of the margin, the other the whole, so that they do not both evade fully and meet again.
+has the right of way. It keeps 60 % of the margin, the other one all of it: if both evaded fully, they could meet again.
 """
 
 from __future__ import annotations
@@ -17,26 +18,28 @@ from radron.agent.config.mission import LimitsConfig
 from radron.agent.geometry import Array, Vector3
 from radron.agent.motion.reference import PeerState
 
-LEAST_MARGIN_M = 2.0  # of plans, beyond the separation of vehicles: covers a vehicle's deviation from its plan in a transient
-_MARGIN_SIGMAS = 3.0  # of the combined recent RMS deviation of both
-DOUBT_SIGMAS = 2.0  # of a position error, that separation and fence allow for
+LEAST_MARGIN_M = 2.0  # between plans, in addition to the separation of vehicles: covers deviations from plans in a transient
+_MARGIN_SIGMAS = 3.0  # multiple of the combined RMS deviation of both drones from their plans, for the same margin
+DOUBT_SIGMAS = 2.0  # multiple of the 1 sigma of a position that separation and fence allow for
 _RIGHT_OF_WAY = 0.6  # share of the margin kept by the drone with the right of way
-# rad; the drone that gives way rotates the other's direction by this, and so passes on one side instead of head-on
-_PASS_TURN = 0.35
+_PASS_TURN = 0.35  # rad; the drone that gives way turns its half-planes by this, so that it passes on one side, not head-on
 
 
 class PeerPlan(Struct, frozen=True):
-    """The planned path of another drone, in the frame in which this drone plans, with all that is needed to stay clear of it.
+    """Another drone as an obstacle: its planned or predicted path, in the frame in which this drone plans.
 
     positions: H positions (m), at stamp_ns, stamp_ns + step_s, ...; plain floats, because most plans are read once and found to
-    be far away. sigma_m: 1-sigma error of the other drone's position relative to this drone. measured: its position by its own
-    localisation, for evasion as a last resort; None without a fresh pose. doubt_m: distance added even to the bare separation,
-    because its position rests on estimated frames. deviation_m: horizontal RMS deviation from its plans. blind: it is unaware of
-    this drone, or has no agent that steers it, so it never gives way. away: (H, 2) unit vectors, for a drone without a link: it
-    may be anywhere beyond lines across these vectors through its positions. radius_m: of the circle of which these lines are the
-    tangents nearest to this drone, with its centre in their direction; negative: in the opposite direction, and this drone keeps
-    outside; infinite:
-    straight.
+        be far away.
+    sigma_m: 1 sigma of the other drone's position relative to this one.
+    measured: its position and velocity by its newest pose, for evasion as a last resort; None without a recent pose.
+    doubt_m: added even to the least separation of vehicles, because the position follows from estimated frames.
+    deviation_m: its horizontal RMS deviation from its plans.
+    blind: it does not know of this drone, or its agent does not steer it, so it never gives way.
+    away: (H, 2) unit vectors, for a missing drone, else None. The positions are then points of a border beyond which it may be
+        anywhere: at each step a line through the position, perpendicular to the vector, which points to this drone's side.
+    radius_m: if the border is a circle, its radius, and the line is its tangent. Positive: the centre lies in the direction of
+        ``away``, and this drone keeps inside. Negative: in the opposite direction, and this drone keeps outside. Infinite: a
+        line.
     """
 
     id: str
@@ -64,13 +67,15 @@ class PeerPlan(Struct, frozen=True):
         *,
         blind: bool = False,
     ) -> PeerPlan:
-        """Return a path at constant velocity, for a drone that has sent no plan, or does not follow its plan."""
+        """Return the obstacle of a drone at constant velocity from ``state`` on, for ``horizon_s``: it has published no plan, or
+        does not follow it.
+        """
         (x, y, z), (u, v, w) = state.position, state.velocity
         positions = [(x + t * u, y + t * v, z + t * w) for t in (state.age_s, state.age_s + horizon_s)]
         return cls(peer, now_ns, horizon_s, positions, sigma_m, state, doubt_m, deviation_m, blind)
 
     def ended(self, after_ns: int) -> PeerPlan:
-        """Return the plan as if the drone stopped for good at this time (ns) after the plan's stamp."""
+        """Return the obstacle of a drone that stands where its plan is ``after_ns`` after the plan's stamp."""
         return replace(self, positions=[self.state(self.stamp_ns + after_ns).position])
 
     def goes_before(self, me: str) -> bool:
@@ -122,9 +127,9 @@ class PeerPlan(Struct, frozen=True):
 
 
 def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Array:
-    """Return the horizontal positions (T, 2) of a plan at T times (s) from now; extrapolated beyond its end.
+    """Return the horizontal positions (T, 2) of a plan at ``times`` (T,) in s from now; extrapolated beyond its end.
 
-    positions: (H, 3) of the plan, step_s apart. age_s: age of the plan. times: (T,).
+    ``positions``: (H, 3) of the plan, ``step_s`` apart; ``age_s``: time since the first of them.
     """
     if len(positions) == 1:
         return np.repeat(positions[:, :2], len(times), axis=0)
@@ -145,22 +150,29 @@ def margin_m(own_m: float, peer_m: float) -> float:
 
 
 def keep_away(me: str, peer: PeerPlan, separation_m: float, own_m: float = 0.0) -> float:
-    """Return the distance (m) that this drone's plan keeps from the other drone's plan.
+    """Return the distance (m) that this drone's plan keeps from the other drone's plan: separation, margin, and position
+    uncertainty.
 
-    me: id of this drone. own_m: RMS deviation of this drone from its plans.
+    ``me``: id of this drone; ``own_m``: its RMS deviation from its plans.
     """
     margin = margin_m(own_m, peer.deviation_m) * (1.0 if peer.goes_before(me) else _RIGHT_OF_WAY)
     return separation_m + margin + DOUBT_SIGMAS * peer.sigma_m
 
 
 def half_planes(nominal: Array, here: tuple[float, float], other: Array, distance: float, yields: bool) -> tuple[Array, Array]:
-    """Return the limits that keep this drone's planned positions away from another drone: a half-plane n . p >= b for each of H
-    steps.
+    """Return half-planes n . p >= b that keep a plan away from another drone: normals n (H, 2) and offsets b (H,), one for each
+    of H steps.
 
-    Each is the tangent to the circle of radius ``distance`` around the other drone: normals n (H, 2) and offsets b (H,). nominal:
-    (H, 2), this drone's planned positions; here: its position now; other: (H + 1, 2), the other drone's positions now and at the
-    steps; yields: whether this drone gives way. The normal turns with the nominal relative position, but never by more than a
-    right angle from step to step. Otherwise a nominal path through the other drone would be taken for a path around it.
+    Each is a tangent to the circle of radius ``distance`` around the other drone, towards this drone's nominal position. From
+    step to step the normal turns by at most a right angle: otherwise a nominal path through the other drone would count as a path
+    around it.
+
+    Args:
+        nominal: (H, 2), planned positions of this drone, which decide on which side it passes.
+        here: its position now.
+        other: (H + 1, 2), positions of the other drone now and at the steps.
+        distance: to be kept, m.
+        yields: this drone gives way.
     """
     relative = nominal - other[1:]
     normals = np.empty_like(relative)
@@ -181,12 +193,11 @@ def half_planes(nominal: Array, here: tuple[float, float], other: Array, distanc
 def escape(
     me: str, state: PeerState, peers: Sequence[PeerPlan], limits: LimitsConfig, reaction_s: float
 ) -> tuple[float, float] | None:
-    """Return a horizontal velocity (m/s) to fly at once, as a last resort against a collision; None while no such escape is
-    needed.
+    """Return a horizontal velocity (m/s) to fly at once, as a last resort against a collision; None if that is not needed.
 
-    An escape is needed if both drones, braking from now on along straight lines by measured positions and velocities, would still
-    come closer than the separation. Then both brake, and the drone without the right of way also backs off. Blind drones are not
-    assumed to brake.
+    It is needed if this drone and another one, by measured positions and velocities, would come closer than the separation even
+    though both brake from now on. Then the velocity is zero for the drone with the right of way, and away from the other drone
+    for the one without it. Blind drones are not assumed to brake. ``reaction_s``: delay of the vehicle's reaction.
     """
     worst, answer = 0.0, None
     for peer in sorted(peers, key=lambda peer: peer.id):

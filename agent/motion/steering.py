@@ -1,4 +1,6 @@
-"""The tracker's horizontal part: within the limits, separated from the others, inside the fence; and the last resort."""
+"""Horizontal part of the tracker: it keeps each plan within the limits, apart from other drones, and inside the fence. If that
+fails, it brakes or evades.
+"""
 
 from __future__ import annotations
 
@@ -23,29 +25,29 @@ from radron.agent.motion.reference import PeerState
 from radron.agent.motion.separation import DOUBT_SIGMAS, LEAST_MARGIN_M, PeerPlan, escape, half_planes, keep_away
 
 _ROWS = 3  # half-planes per step in the constrained problem
-_NEAR_M = 2.0  # half-planes closer than this to the plan enter the problem
-# Where the two conflict, the fence yields, by at most the margin between the vehicles, and less with a larger position
-# uncertainty.
+_NEAR_M = 2.0  # half-planes nearer to the plan than this enter the problem
+# If half-planes conflict, each is relaxed by so many metres per metre of slack (``HalfPlanes.yielding``); the distance from a
+# peer with a link by one metre. For the fence, less with a larger position uncertainty of the drones nearby:
 _FENCE_YIELDS = 1.0
-# The separation line between two network components, whose drones cannot give way, yields less than all else, except with a large
-# position uncertainty.
+# For a separation line: the drones on its other side cannot give way, so it is relaxed least of all, except with a large position
+# uncertainty.
 _LINE_YIELDS = 0.3
-_FACING = -0.9  # cosine between the normals of two facing lines
-# Metres per metre of slack by which the distance from a lost peer yields, more than from a peer with a link. Pushed away from
-# such possible positions, a drone turned back into the next one on the circle, which could not brake in time. The value grows
-# with the position uncertainty, unless this half-plane is the only one near the plan. Otherwise a drone that caught up with its
-# slot cut the corner, and passed a drone landing 3.4 m beside its home at 2.3 m.
+_FACING = -0.9  # cosine of the angle between the normals of two lines that face each other
+# For a possible position of a lost peer: more than for a peer with a link. Otherwise a drone that is pushed away from such a
+# position could turn back into the next drone on the circle, which could not brake in time. The value grows with the position
+# uncertainty, unless this half-plane is the only one near the plan. Otherwise a drone on its way to its slot could cut the
+# corner, and come too near to a landing one.
 _UNHEARD_YIELDS = 2.0
-# Of the deviation of two drones from their plans 0.93 is left after a second, 0.70 after two, 0.44 after three, 0.26 after four
-# (`python benchmarks/plan_return.py`), as by exp(-(t / 3.4 s)^2). With an expected return within a second, two drones passing
-# each other at 8 m/s came 1 m nearer than their plans allowed.
+# Time constant with which deviations of two drones from their plans are expected to decay, as exp(-(t / 3.4 s)^2). Measured: 0.93
+# is left after a second, 0.70 after two, 0.44 after three, 0.26 after four (`python benchmarks/plan_return.py`). A faster decay
+# would let two drones that pass each other at 8 m/s come nearer than their plans allow.
 RETURN_S = 3.4
 
 Peaks = list[list[float]]  # (4, 3): largest jerk, displacement, speed and acceleration of a plan along each axis
 
 
 class Status(StrEnum):
-    """How a drone's plan was found: freely, within limits, or by braking or evasion."""
+    """How a plan was found: without an active limit, within limits, or by braking or evasion."""
 
     FREE = "free"  # no limit active
     CONSTRAINED = "constrained"  # solved within limits
@@ -54,12 +56,12 @@ class Status(StrEnum):
 
 
 class Situation(Struct, frozen=True):
-    """The inputs for one new plan.
+    """Inputs for one new plan of H steps.
 
-    start: (3, 3), position, velocity, acceleration at which the new plan starts; measured: the vehicle's measured state;
-    response: its response to setpoints; previous: gives the positions (H, 2) of the previous plan at the H steps; inside: gives
-    the convex piece of the fence, less the margin; surely_inside: whether the unconstrained optimum is far from the fence; guess:
-    (H, 3) initial jerks for the solver.
+    start: (3, 3), position, velocity, acceleration at which the plan begins. measured: the vehicle's measured state.
+    response: its response to setpoints. previous: returns the positions (H, 2) of the previous plan at the steps.
+    inside: returns a convex part of the fence, less the margin of plans.
+    surely_inside: the unconstrained optimum surely lies inside the fence. guess: (H, 3), initial jerks for the solver.
     """
 
     now_ns: int
@@ -73,11 +75,12 @@ class Situation(Struct, frozen=True):
 
 
 class _Neighbour(Struct, frozen=True):
-    """A nearby peer: positions (H + 1, 2) now and at the steps, distance to keep, and bare separation.
+    """Another drone near the plan, as an obstacle.
 
-    ``is_blind``: unaware of this drone. ``away``: (H, 2), normals of the lines that it is beyond; None if it is at these
-    positions. ``yields``: metres per metre of slack, as in ``HalfPlanes``, of all steps or of each (H,). ``doubted_m``: extra
-    distance for its position uncertainty.
+    positions: (H + 1, 2), now and at the steps. distance: to be kept by the plan, m. bare: least distance of the vehicles, m.
+    is_blind: it gives no way. away: (H, 2), normals of the lines beyond which it may be; None if it is at the positions.
+    yields: relaxation, m per metre of slack, as in ``HalfPlanes``; of all steps or of each, (H,).
+    doubted_m: part of the distance for its position uncertainty.
     """
 
     positions: Array
@@ -91,7 +94,7 @@ class _Neighbour(Struct, frozen=True):
 
 
 class Steering:
-    """Finds the horizontal part of each new plan: within the limits, separated from the other drones, inside the fence."""
+    """Horizontal part of each new plan: within the limits, apart from the other drones, inside the fence."""
 
     def __init__(self, limits: LimitsConfig, prediction: Prediction, step_s: float, horizon: int, drone_id: str) -> None:
         """Set up the optimisation. ``drone_id`` decides the right of way."""
@@ -107,9 +110,9 @@ class Steering:
     def jerk(self, situation: Situation, optimum: Array, peaks: Peaks, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
         """Return the horizontal jerks (H, 2) of a new plan of H steps, and how they were found.
 
-        They are the unconstrained optimum itself if it keeps all limits, else the solution within the limits, else braking or
-        evasion. optimum: (4, H, 3) jerks, positions, velocities, accelerations. peaks: its largest values along each axis. peers:
-        plans of the other drones.
+        They are those of the unconstrained optimum if that keeps all limits; else of the solution within the limits; else of
+        braking or evasion. ``optimum``: (4, H, 3), jerks, positions, velocities, accelerations; ``peaks``: its largest values
+        along each axis; ``peers``: the other drones as obstacles.
         """
         _, clear = self._neighbours(situation, optimum[1:2, :, :2], peers)
         clear = clear and self._within_limits(optimum[:, :, :2], peaks)
@@ -119,7 +122,7 @@ class Steering:
         clearances = (optimum[1, :, :2] @ normals.T - offsets).min(axis=0)
         if clear and float(clearances.min()) >= 0.0:
             return Status.FREE, optimum[0, :, :2]
-        # Pushed by a line, the fence or others, the drone may be far from its optimum, and from the obstacles there.
+        # If a line, the fence or others push the drone aside, it may be far from the optimum, and from the obstacles there.
         previous = situation.previous()
         found, apart = self._constrained(situation, optimum, peers, (previous,), (normals, offsets))
         if found is not None and apart:
@@ -130,7 +133,7 @@ class Steering:
         braking = self._brake(situation, (0.0, 0.0))
         if found is None:
             return Status.BRAKING, braking
-        # A plan through the gap beside a drone may stay there, however narrow that becomes: before the gap there may be room.
+        # A plan that leads through a gap beside a drone keeps to that gap, also if it becomes too narrow. Before it may be room.
         plans = (self._positions(optimum, braking), previous)
         other, apart = self._constrained(situation, optimum, peers, plans, (normals, offsets))
         return Status.CONSTRAINED, other if other is not None and apart else found
@@ -138,9 +141,10 @@ class Steering:
     def _constrained(
         self, situation: Situation, optimum: Array, peers: Sequence[PeerPlan], plans: Sequence[Array], fence: Piece
     ) -> tuple[Array | None, bool]:
-        """Return the jerks (H, 2) of the solution that passes others on the same side as the first of ``plans``, (H, 2) each.
-        Also return whether it keeps apart from the peers near any of these plans, or the optimum. ``fence``: the piece that the
-        plan stays inside.
+        """Return the jerks (H, 2) of the solution within the limits (None without one), and whether it keeps the separation.
+
+        It passes other drones on the same side as the first of ``plans``, (H, 2) each. Drones near any of these plans, or near
+        the optimum, count. ``fence``: convex part of the fence that the plan stays inside.
         """
         (normals, offsets), nominal, free = fence, plans[0], optimum[1, :, :2]
         neighbours, _ = self._neighbours(situation, np.array((free, *plans)), peers)
@@ -151,7 +155,7 @@ class Steering:
         return found, found is not None and self._apart(self._positions(optimum, found), neighbours)
 
     def _positions(self, optimum: Array, jerks: Array) -> Array:
-        """The plan (H, 2) of these jerks (H, 2)."""
+        """Return the positions (H, 2) of the plan with these jerks (H, 2)."""
         found: Array = optimum[1, :, :2] + self._prediction.position @ (jerks - optimum[0, :, :2])
         return found
 
@@ -166,7 +170,9 @@ class Steering:
         return within
 
     def _neighbours(self, situation: Situation, plans: Array, peers: Sequence[PeerPlan]) -> tuple[list[_Neighbour], bool]:
-        """The peers close to one of these plans (P, H, 2), and whether all of these keep their distance from all peers."""
+        """Return the drones near one of these plans, (P, H, 2), and whether all of these plans keep their distance from all
+        drones.
+        """
         neighbours: list[_Neighbour] = []
         clear = True
         if not peers:
@@ -200,10 +206,11 @@ class Steering:
         return neighbours, clear
 
     def _yields(self, peer: PeerPlan, lacking_m: float) -> float | Array:
-        """Return by how many metres the distance from a drone yields per metre of slack; ``lacking_m``: the present lack of it.
+        """Return by how many metres the distance from a drone is relaxed per metre of slack, for all steps, or for each (H,).
 
-        Distance for a position uncertainty can be gained only after a while, at the end of the plan. Until then the others, and
-        the fence, must not lose as many metres. A drone that gives no way may prevent the gain for long.
+        ``lacking_m``: by how much the present distance is too small. If the part for the position uncertainty is missing, it can
+        be gained only towards the end of the plan. Until then it is relaxed more than other distances and the fence, which would
+        otherwise lose as much. From a drone that gives no way, it may not be gained for long.
         """
         doubted_m = _doubted_m(peer)
         if peer.blind:
@@ -212,9 +219,9 @@ class Steering:
         return 1.0 if lacking_m <= 0.0 else 1.0 + (lacking_m / LEAST_MARGIN_M) * self._lasting
 
     def _corrected(self, peer: PeerPlan, now_ns: int, x: float, y: float) -> list[tuple[float, float]]:
-        """A peer's planned positions (H + 1, 2), shifted by its deviation from its plan minus this drone's own (x, y).
+        """Return a peer's planned positions (H + 1, 2), shifted by its present deviation from its plan less this drone's, (x, y).
 
-        Plans are kept apart, but it is vehicles that collide. The deviations decay along the horizon.
+        So the plans are kept apart as the vehicles will be. The shift decays over the steps, as deviations do.
         """
         positions = peer.steps(now_ns, self._step_s, self._horizon)
         dx, dy = -x, -y
@@ -227,11 +234,12 @@ class Steering:
     def _half_planes(
         self, situation: Situation, position: Array, nominal: Array, neighbours: Sequence[_Neighbour], fence: Piece
     ) -> HalfPlanes | None:
-        """Return the half-planes of neighbours and fence. The first of each step is the one that the nominal plan (H, 2) violates
-        most. The next are the worst by this plan or the unconstrained optimum (H, 2).
+        """Return the half-planes of other drones and of the fence, at most three for each step; None if there are none.
 
-        On the way home through the others, the optimum may be far from the plan, which they have pushed aside. Then the optimum
-        violates all of their half-planes by more than the plan violates that of a drone in its way.
+        If there are more, the first one is that which the nominal plan (H, 2) violates most, and the next ones are those that
+        this plan or the unconstrained optimum ``position`` (H, 2) violates most. The plan comes first because others may have
+        pushed it far from the optimum. Then the optimum violates their half-planes more than the plan violates that of a drone in
+        its way.
         """
         if not neighbours and len(fence[0]) == 0:
             return None
@@ -241,7 +249,7 @@ class Steering:
         doubted_m = max((other.doubted_m for other in neighbours), default=0.0) if len(fence[0]) else 0.0
         is_only = len(neighbours) + len(fence[0]) == 1
         for row, other in enumerate(neighbours):
-            # Near the fence there may be no room at the end of the plan, either.
+            # Near the fence there may be no room at the end of the plan, either: the greatest relaxation counts for all steps.
             yielding[row] = other.yields if len(fence[0]) == 0 else np.max(other.yields)
             if is_only and other.is_blind:
                 yielding[row] = np.minimum(yielding[row], _UNHEARD_YIELDS)
@@ -262,9 +270,8 @@ class Steering:
         return HalfPlanes(normals, offsets, yielding)
 
     def _apart(self, position: Array, neighbours: Sequence[_Neighbour]) -> bool:
-        """Whether a solution (H, 2) keeps the bare separation from the others, as far as it can.
-
-        With a distance that grows already, no better solution exists.
+        """Whether a solution (H, 2) keeps the least distance of vehicles from the other drones. A distance that is too small now,
+        and only grows, counts as kept, because no solution can do better.
         """
         for other in neighbours:
             if other.away is not None:
@@ -283,10 +290,10 @@ class Steering:
 
 
 def _with_room(lines: Sequence[_Neighbour], separation_m: float) -> list[_Neighbour]:
-    """Return the lines with distances that leave room between facing lines.
+    """Return the lines with their distances reduced so that there is room between two lines that face each other.
 
-    Two lines facing each other with less room both give up the same share of their distance beyond the separation. Full distances
-    drove a drone to the wider end between two lines, which diverge by only 7 cm in a metre, and far out of the area.
+    Both then give up the same share of their distance beyond the separation. With full distances, a drone between two lines that
+    diverge slightly would fly along them to where they are far enough apart, possibly far out of the area.
     """
     fitted = list(lines)
     for (first, _), (second, _) in combinations(enumerate(lines), 2):
@@ -303,7 +310,7 @@ def _with_room(lines: Sequence[_Neighbour], separation_m: float) -> list[_Neighb
 
 
 def _room_m(one: _Neighbour, other: _Neighbour) -> float:
-    """Least distance of two lines that face each other; infinite if they do not, or have crossed."""
+    """Return the least distance (m) between two lines that face each other; infinite if they do not, or have crossed."""
     assert one.away is not None
     assert other.away is not None
     facing = np.einsum("kx,kx->k", one.away, other.away) < _FACING
@@ -314,5 +321,5 @@ def _room_m(one: _Neighbour, other: _Neighbour) -> float:
 
 
 def _doubted_m(peer: PeerPlan) -> float:
-    """Extra distance from a drone for its position uncertainty, beyond the bare separation."""
+    """Return the part (m) of the distance from a drone that is kept for its position uncertainty, and not by ``doubt_m``."""
     return max(0.0, DOUBT_SIGMAS * peer.sigma_m - peer.doubt_m)

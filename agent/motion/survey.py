@@ -1,8 +1,9 @@
-"""The search before the first hypothesis: N segments of equal area, each with a space-filling path (paper, Sec. V-A).
+"""Division of an area for the search before the first source estimate: N segments of equal area, each with a path that covers it
+(paper, Sec. V-A).
 
 All functions are pure: drones with the same area, coverage, members and starts compute the same paths, without a leader. So
-``starts`` must be common knowledge too, such as the ends of the last ``Coverage`` entries. A drone's own latest position is not.
-All coordinates are horizontal, metres, in one frame (the mission frame).
+``starts`` must be known to all drones alike, such as the ends of the last ``Coverage`` entries; a drone's own newest position is
+not. All positions are horizontal, metres, in the mission frame.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from radron.agent.motion.lanes import lanes
 Area: TypeAlias = Polygon | MultiPolygon
 Swath: TypeAlias = tuple[NDArray[np.float64], float]  # flown path (K, 2), width that it covers
 
-_SLIVER = 0.15  # share of the swath width: narrower remainders come from lag and cut corners, and are left out
-MOST_POINTS = 300  # of a remainder: of a more ragged one, wider slivers are left out, because lanes cost a millisecond a point
-_EQUAL = 1.02  # extents within this ratio count as equal, so that rounding does not rotate a cut
+_SLIVER = 0.15  # uncovered strips narrower than this share of the swath are left out: they come from lag and cut corners
+MOST_POINTS = 300  # if an uncovered area has more corners, wider strips are left out, too: lanes cost a millisecond a corner
+_EQUAL = 1.02  # lengths within this ratio count as equal, so that rounding does not turn a cut
 
 
 def survey_paths(
@@ -36,7 +37,8 @@ def survey_paths(
     lane_spacing_m: float,
     starts: Mapping[str, Point2] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """Return a path (M, 2) for each drone, which together cover the part of the area not searched yet; (0, 2) if nothing is left.
+    """Return a path (M, 2) for each drone, by id; together they cover the part of the area not searched yet. (0, 2) if nothing is
+    left.
 
     Args:
         area: simple polygon to search.
@@ -59,9 +61,7 @@ def survey_path(
     lane_spacing_m: float,
     starts: Mapping[str, Point2],
 ) -> NDArray[np.float64]:
-    """Return the search path (M, 2) of one drone, as ``survey_paths`` would, where only ``rest`` of the area is left to
-    search.
-    """
+    """Return the search path (M, 2) of one drone, as ``survey_paths`` does, if only ``rest`` of the area is left to search."""
     segment = divide(rest, drones, starts)[drone]
     return _sweep(segment, lane_spacing_m, starts.get(drone), Detours(area))
 
@@ -117,7 +117,7 @@ def left(area: Area, done: Area, swath_m: float) -> Area:
 
 
 def _opened(shape: Area, sliver_m: float, tolerance: float) -> Area:
-    """Return the shape without narrower parts; simplified by that share of the width."""
+    """Return the shape without parts narrower than ``sliver_m``, simplified with a tolerance of ``tolerance * sliver_m``."""
     opened = shape.buffer(-sliver_m / 2.0, join_style="mitre").buffer(sliver_m / 2.0, join_style="mitre")
     simple: Area = shapely.simplify(opened, tolerance * sliver_m)
     return simple
@@ -136,7 +136,7 @@ def _divide(area: Area, drones: list[str], starts: Mapping[str, Point2]) -> list
 
 
 def _axes(area: Area) -> list[NDArray[np.float64]]:
-    """Unit vectors (2,) along the sides of the minimum rotated rectangle, the nearer to x first; x or y positive."""
+    """Return the unit vectors (2,) along the two sides of the minimum rotated rectangle, that nearer to the x axis first."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))
     side = corners[1] - corners[0]
     side = side / np.hypot(side[0], side[1])
@@ -145,7 +145,7 @@ def _axes(area: Area) -> list[NDArray[np.float64]]:
 
 
 def _cut(area: Area, along: NDArray[np.float64], share: float) -> tuple[Area, Area]:
-    """The parts of the area on both sides of a line across ``along``, the first one with ``share`` of its size."""
+    """Return the parts of the area on both sides of a line perpendicular to ``along``; the first has ``share`` of the area."""
     corners = shapely.get_coordinates(area)
     places = corners @ along
     start, end = float(places.min()), float(places.max())
@@ -165,7 +165,7 @@ def _cut(area: Area, along: NDArray[np.float64], share: float) -> tuple[Area, Ar
 
 
 def _areal(shape: shapely.Geometry, least_m2: float = 0.0) -> Area:
-    """The polygons of a shape that are larger than ``least_m2``, without stray lines and points."""
+    """Return the polygons of a shape that are larger than ``least_m2``, without stray lines and points."""
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > least_m2]
     return parts[0] if len(parts) == 1 else MultiPolygon(parts)
 
@@ -185,7 +185,9 @@ def _sweep(segment: Area, lane_spacing_m: float, start: Point2 | None, detours: 
 
 
 def _order(found: list[NDArray[np.float64]], start: Point2 | None) -> list[tuple[int, bool]]:
-    """The order in which to fly the lanes, and which of them backwards: nearest next, from the best beginning."""
+    """Return the order in which to fly the lanes, each with whether it is flown backwards: always the nearest next, from the best
+    of several first lanes.
+    """
     ends = np.array([[lane[0], lane[-1]] for lane in found]).reshape(-1, 2)  # 2n and 2n + 1: the ends of lane n
     gaps = np.hypot(*(ends[:, None] - ends[None]).transpose(2, 0, 1))
     approach = np.zeros(len(ends)) if start is None else np.hypot(*(ends - start).T)
@@ -198,7 +200,9 @@ def _order(found: list[NDArray[np.float64]], start: Point2 | None) -> list[tuple
 
 
 def _nearest_next(gaps: NDArray[np.float64], beginning: int) -> list[int]:
-    """The ends at which the lanes are entered, from a beginning on. A lane entered at one end is left at the other (^ 1)."""
+    """Return the ends at which the lanes are entered, beginning with ``beginning``, and always the nearest next. A lane entered
+    at one end is left at the other one (^ 1). ``gaps``: distances between all ends.
+    """
     free = gaps.copy()
     tour = [beginning]
     while True:

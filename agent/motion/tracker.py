@@ -1,9 +1,10 @@
-"""MPC trajectory tracker: from a reference that may jump to a plan that the vehicle can fly (after Baca et al. 2018).
+"""Trajectory tracker by model predictive control: from a reference that may jump to a plan that the vehicle can fly (after Baca
+et al. 2018).
 
-The tracker drives a virtual vehicle, a triple integrator, whose state is free of measurement noise; the real one follows it. At
-every replan the virtual vehicle's next seconds are optimised to follow the reference within the limits. Mostly no limit is
+The tracker moves a virtual vehicle, a triple integrator without measurement noise, and the real vehicle follows it. Each new plan
+optimises the next seconds of the virtual vehicle's motion, so that it follows the reference within the limits. Mostly no limit is
 active, and the solution is a matrix product (``prediction``); otherwise OSQP solves the constrained problem (``qp``). If that
-fails, or vehicles come too close to each other, the plan is to brake (``steering``).
+fails, or vehicles come too near to each other, the plan is to brake or evade (``steering``).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from radron.agent.motion.reference import PeerState, Reference
 from radron.agent.motion.separation import PeerPlan, sampled
 from radron.agent.motion.steering import Situation, Status, Steering
 
-_DEPARTED_M = 5.0  # a vehicle further than this from the virtual one does not follow it: the tracker restarts from its position
+_DEPARTED_M = 5.0  # a vehicle farther than this from the virtual one does not follow it: the next plan begins at its position
 
 __all__ = ["Relief", "Status", "Tracker", "TrackerPlan"]
 
@@ -36,7 +37,7 @@ Relief = Callable[[Array], Array]
 
 
 class TrackerPlan(Struct, frozen=True):
-    """The planned path of a drone for the next seconds, which the vehicle can fly, in H steps.
+    """Planned path of a drone for the next seconds, which the vehicle can fly, in H steps.
 
     positions, velocities, accelerations: (H + 1, 3), at stamp_ns, stamp_ns + step_s, ... status: how the plan was found.
     """
@@ -50,9 +51,9 @@ class TrackerPlan(Struct, frozen=True):
 
 
 class Tracker:
-    """Plans a path that the vehicle can fly from a wanted path that may jump, by model predictive control.
+    """Planner of one drone: it makes a path that the vehicle can fly from a wanted path that may jump.
 
-    It plans at a few hertz; ``sample`` gives setpoints in between, at any rate.
+    ``plan`` is called a few times a second; ``sample`` gives setpoints in between, at any rate.
     """
 
     def __init__(
@@ -67,8 +68,8 @@ class Tracker:
     ) -> None:
         """Set up the planner.
 
-        ``step_s``, ``horizon``: length and number of the planned steps. ``response``: of the vehicle, until ``follow_by`` changes
-        it. ``drone_id`` decides the right of way.
+        ``step_s``, ``horizon``: length and number of the planned steps; ``response``: the vehicle's response to setpoints, until
+        ``follow_by`` changes it; ``drone_id``: the own id, which decides the right of way.
         """
         self._step_s, self._horizon = step_s, horizon
         self._response = response or ResponseConfig()
@@ -85,17 +86,17 @@ class Tracker:
         self._jerk: Array = np.zeros((horizon, 3))  # constant over the step that begins there
 
     def reset(self, position: Vector3, velocity: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Restart the plan from this position (m) and velocity (m/s): after a change of mode or a jump of the frame."""
+        """Let the next plan begin at this position (m) and velocity (m/s): after a change of mode or a jump of the frame."""
         self._plan = None
         self._start = (position, velocity)
 
     def follow_by(self, response: ResponseConfig) -> None:
-        """Set the vehicle's response to setpoints (drag and lags), by which setpoints are computed from now on."""
+        """Set the vehicle's response to setpoints (drag and lags), which the setpoints allow for from now on."""
         self._response = response
 
     def confine(self, fence: Fence) -> None:
-        """Replace the fence from the next plan on, after the area's position or the ground's height in the planning frame has
-        changed.
+        """Replace the fence from the next plan on: the estimated position of the area, or the height of the ground, in the
+        planning frame has changed.
         """
         self._goals = Goals(self._limits, fence, self._step_s, self._horizon)
         self._climbing.confine(fence)
@@ -112,11 +113,11 @@ class Tracker:
 
         Args:
             now_ns: own time; the reference begins now.
-            state: the vehicle's own measured position and velocity.
-            reference: path to fly; may be infeasible.
-            peers: the other drones' plans.
-            ground: heights of the ground (N,) at positions (N, 2), if not level; the z of the reference, and floor and ceiling of
-                the fence, are then above the ground along the plan.
+            state: the vehicle's measured position and velocity.
+            reference: wanted path; the vehicle need not be able to fly it.
+            peers: the other drones, as obstacles.
+            ground: returns the heights (N,) of the ground at positions (N, 2); then the z of the reference, and floor and ceiling
+                of the fence, are above the ground along the plan. None: level ground.
         """
         start = self._continued(now_ns, state)
         horizon, (x, y, z) = self._horizon, start[0].tolist()
@@ -151,12 +152,12 @@ class Tracker:
         return self._adopt(now_ns, start, states, jerk, upright_status if status is Status.FREE else status)
 
     def state(self, now_ns: int) -> PeerState:
-        """Return the position and velocity that the drone's plan has for now, where the vehicle should be."""
+        """Return the position and velocity of the plan now, at which the vehicle should be."""
         position, velocity, _, _ = self._at((now_ns - self._stamp_ns) * 1e-9)
         return PeerState(position, velocity)
 
     def ahead(self, now_ns: int, here: Vector3) -> Array:
-        """Return the H + 1 positions (H + 1, 3) of the present plan from now on; without a plan all are ``here``."""
+        """Return the positions (H + 1, 3) of the present plan from now on; without a plan, all are ``here``."""
         if self._plan is None:
             return np.repeat(np.array(here)[None], self._horizon + 1, axis=0)
         age_s, times = (now_ns - self._plan.stamp_ns) * 1e-9, np.concatenate(((0.0,), self._times))
@@ -165,10 +166,11 @@ class Tracker:
         return np.column_stack((flat, here[2] + climbs - climbs[0]))
 
     def sample(self, now_ns: int, yaw_rate_rps: float = 0.0) -> tuple[Vector3, Vector3, Vector3]:
-        """Return the setpoint for the autopilot now: position, velocity and acceleration, ahead by the vehicle's dead time.
+        """Return the setpoint for the autopilot now: position, velocity and acceleration. It is that of the plan a little later,
+        by the vehicle's lag.
 
-        With this acceleration the vehicle flies the plan: see ``radron.agent.motion.feedforward``. ``yaw_rate_rps``: the yaw rate
-        commanded at the same time.
+        The acceleration is that with which the vehicle flies the plan (``radron.agent.motion.feedforward``). ``yaw_rate_rps``:
+        the yaw rate commanded at the same time.
         """
         response = self._response
         position, velocity, acceleration, jerk = self._at((now_ns - self._stamp_ns) * 1e-9 + response.lag_s)
@@ -186,7 +188,9 @@ class Tracker:
         return self._plan.stamp_ns
 
     def _at(self, time_s: float) -> tuple[Vector3, Vector3, Vector3, tuple[float, float]]:
-        """The virtual vehicle at that time after the plan's stamp, with its horizontal jerk; at the plan's end it stops."""
+        """Return position, velocity, acceleration and horizontal jerk of the virtual vehicle at a time after the plan's stamp;
+        from the plan's end on it stands.
+        """
         index = max(int(time_s / self._step_s), 0)
         if index >= self._horizon:
             x, y, z = self._states[0, -1].tolist()
@@ -203,7 +207,9 @@ class Tracker:
         )
 
     def _continued(self, now_ns: int, state: PeerState) -> Array:
-        """State (3, 3) that the plan begins with: the virtual vehicle's, unless the real one is elsewhere."""
+        """Return the state (3, 3) at which the new plan begins: that of the virtual vehicle, unless the real one is too far from
+        it.
+        """
         if self._plan is not None:
             position, velocity, acceleration, _ = self._at((now_ns - self._plan.stamp_ns) * 1e-9)
             if dist(position, state.position) <= _DEPARTED_M:
@@ -222,7 +228,7 @@ class Tracker:
         optimum[1] += z
 
     def _previous(self, now_ns: int, start: Array) -> Array:
-        """Positions (H, 2) of the previous plan at the steps; without one, the start."""
+        """Return the positions (H, 2) of the previous plan at the steps; without one, all are the start."""
         if self._plan is None:
             return np.repeat(start[None, 0, :2], self._horizon, axis=0)
         return sampled(self._plan.positions, (now_ns - self._plan.stamp_ns) * 1e-9, self._step_s, self._times)
