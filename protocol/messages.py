@@ -304,9 +304,9 @@ class Status(DroneMessage, frozen=True, kw_only=True):
         upload: answer to an uploaded mission; None: no upload since the start of the agent.
         disowns: true if the drone has recently received messages under its own id that it did not send; else left out.
         obeyed: last executed order. An empty field is left out, so that readers of former versions can verify the other fields.
-        codes: the codes of problems, finding and notices; left out without them, as ``obeyed`` is.
+        codes: the codes of problems, finding and notices; left out without them.
         certificate: the drone's certificate (X.509, DER).
-        signature: the drone's signature of all fields except ``obeyed`` and ``codes``.
+        signature: the drone's signature of all fields except ``obeyed``.
     """
 
     mission: MissionId

@@ -22,7 +22,6 @@ from radron.protocol.errors import ProtocolError
 from radron.protocol.message import StationMessage
 from radron.protocol.messages import Action, Command, Obeyed, Order, Status, Upload
 from radron.protocol.revocations import Obeying, Revocation
-from radron.protocol.texts import Codes
 
 MAX_BATCH_ENTRIES = 32  # entries; limits the place in a proof, and the proof's length
 MAX_VERIFIED_ROOTS = 1024  # kept as verified
@@ -32,7 +31,7 @@ DRONE, OPERATOR = "drone", "operator"  # as ``identity.Role``, which the pilot p
 _HASH_BYTES = 16
 # Signed prefixes: a signature of one kind of message is invalid for every other kind.
 _ENTRIES, _STATUS, _REVOCATION = b"radron 2 entries\0", b"radron 2 status\0", b"radron 2 revocation\0"
-_OBEYED, _OBEYING, _CODES = b"radron 2 obeyed\0", b"radron 2 obeying\0", b"radron 2 codes\0"
+_OBEYED, _OBEYING = b"radron 2 obeyed\0", b"radron 2 obeying\0"
 _ORDERS: dict[type[Order], bytes] = {Command: b"radron 2 command\0", Upload: b"radron 2 upload\0"}
 
 Sign = Callable[[bytes], bytes]
@@ -123,12 +122,10 @@ def sign_status(status: Status, trust: Trust) -> Status:
     The status must be as its receivers decode it (second result of ``codec.written``).
     """
     bare = replace(status, certificate=trust.certificate, signature=b"")
-    signature, obeyed, codes = trust.sign(_STATUS + _core(bare)), bare.obeyed, bare.codes
+    signature, obeyed = trust.sign(_STATUS + _core(bare)), bare.obeyed
     if obeyed is not UNSET:
         obeyed = replace(obeyed, signature=trust.sign(_OBEYED + _core(bare, obeyed=obeyed)))
-    if codes is not UNSET:
-        codes = replace(codes, signature=trust.sign(_CODES + _core(bare, codes=codes)))
-    return replace(bare, obeyed=obeyed, codes=codes, signature=signature)
+    return replace(bare, obeyed=obeyed, signature=signature)
 
 
 def sign_revocation(revocation: Revocation, trust: Trust) -> Revocation:
@@ -244,17 +241,6 @@ class Verifier:
             return False
         return member.verified(status.obeyed.signature, _OBEYED + _core(status, obeyed=status.obeyed))
 
-    def accepts_codes(self, status: Status) -> bool:
-        """Return whether the drone has signed the codes of its texts, in a status that has been accepted."""
-        member = self._member(status.certificate)
-        if member is None or status.codes is UNSET:
-            return False
-        return member.verified(status.codes.signature, _CODES + _core(status, codes=status.codes))
-
-    def with_signed_codes(self, status: Status) -> Status:
-        """Return an accepted status, without codes that its drone has not signed."""
-        return status if status.codes is UNSET or self.accepts_codes(status) else replace(status, codes=UNSET)
-
     def accepts_obeying(self, word: Obeying, revocation: Revocation) -> bool:
         """Return whether the revoked drone has signed that it obeys exactly this revocation."""
         member = self._member(word.certificate)
@@ -341,16 +327,11 @@ class Verifier:
         return member
 
 
-def _core(status: Status, *, obeyed: Obeyed | UnsetType = UNSET, codes: Codes | UnsetType = UNSET) -> bytes:
-    """Return the bytes of a status that its signature covers, or with one of these records the bytes that this record's covers.
-
-    Former releases do not know all records: each has a signature of its own, so that they can verify the rest.
-    """
+def _core(status: Status, *, obeyed: Obeyed | UnsetType = UNSET) -> bytes:
+    """Return the bytes of a status that its signature covers; with ``obeyed``, those that the signature of ``obeyed`` covers."""
     if obeyed is not UNSET:
         obeyed = replace(obeyed, signature=b"")
-    if codes is not UNSET:
-        codes = replace(codes, signature=b"")
-    return as_bytes(replace(status, obeyed=obeyed, codes=codes, signature=b""))
+    return as_bytes(replace(status, obeyed=obeyed, signature=b""))
 
 
 def _tree(leaves: list[bytes]) -> list[list[bytes]]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Annotated, NamedTuple
 
 from msgspec import Meta, Struct
 
-from radron.protocol.entries import Signature
-from radron.protocol.units import DroneId
+from radron.protocol.units import DRONE_ID, DroneId
 
 MAX_PROBLEMS, MAX_NOTICES = 32, 8  # in a status
 MAX_TEXT = 256  # characters
+_DRONE = re.compile(DRONE_ID)
 CodeName = Annotated[str, Meta(pattern=r"^[a-z0-9-]{0,48}\Z")]  # any release's; empty: not known
 
 
@@ -50,20 +51,17 @@ class Label(Struct, frozen=True, array_like=True):
 
     @classmethod
     def of(cls, text: CodedText) -> Label:
-        """Return the label of a text."""
-        return cls(text.code, text.about)
+        """Return the label of a text. A subject without the form of a drone's id, such as an operator, is left out."""
+        about = text.about if text.about is not None and _DRONE.match(text.about) else None
+        return cls(text.code, about)
 
 
 class Codes(Struct, frozen=True, array_like=True):
-    """The codes of a status's texts, one for each and in their order.
-
-    ``signature``: the drone's signature of its whole status with this record in it, but without the last order.
-    """
+    """The codes of a status's texts, one for each and in their order."""
 
     problems: Annotated[tuple[Label, ...], Meta(max_length=MAX_PROBLEMS)] = ()
     finding: Label | None = None
     notices: Annotated[tuple[Label, ...], Meta(max_length=MAX_NOTICES)] = ()
-    signature: Signature = b""
 
     def flaw(self, problems: Sequence[str], finding: str, notices: Sequence[str]) -> str | None:
         """Return an error text unless each of these texts has a code, and each code a text."""
@@ -89,7 +87,7 @@ class Texts(NamedTuple):
 
     @property
     def codes(self) -> Codes:
-        """The codes of these texts, not signed yet."""
+        """The codes of these texts."""
         finding = None if self.finding is None else Label.of(self.finding)
         return Codes(tuple(map(Label.of, self.problems)), finding, tuple(map(Label.of, self.notices)))
 

@@ -11,10 +11,11 @@ from msgspec import Meta
 
 STATION = "station"  # replaces a drone's id in the keys of operators; not allowed as a drone's id
 IDENTIFIER = r"^[a-z0-9][a-z0-9-]{0,31}\Z"
+DRONE_ID = rf"^(?!{STATION}\Z)[a-z0-9][a-z0-9-]{{0,31}}\Z"
 HEX_16 = r"^[0-9a-f]{16}\Z"
 
 Identifier = Annotated[str, Meta(pattern=IDENTIFIER)]
-DroneId = Annotated[str, Meta(pattern=rf"^(?!{STATION}\Z)[a-z0-9][a-z0-9-]{{0,31}}\Z")]
+DroneId = Annotated[str, Meta(pattern=DRONE_ID)]
 MissionId = Annotated[str, Meta(pattern=HEX_16)]
 BootId = Annotated[str, Meta(pattern=HEX_16)]
 Nuclide = Annotated[str, Meta(pattern=r"^[A-Z][a-z]?-[0-9]{1,3}m?\Z")]  # such as Cs-137

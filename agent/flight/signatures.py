@@ -55,7 +55,5 @@ def _signatures(message: Message) -> Iterator[bytes]:
         yield message.signature
         if message.obeyed is not UNSET:
             yield message.obeyed.signature
-        if message.codes is not UNSET:
-            yield message.codes.signature
     if isinstance(message, Revoked):
         yield from (word.signature for word in message.obeying)

@@ -63,8 +63,6 @@ class Statuses:
         known = self._newest.get(message.drone)
         if known is not None and message.stamp_ns <= known.stamp_ns and message.drone in self.heard():
             return False  # valid after a pause: the drone's clock may have stepped backward
-        if self._verifier is not None:
-            message = self._verifier.with_signed_codes(message)
         self._newest[message.drone] = legible(message)
         self._heard_s[message.drone] = now_s = elapsed_s()
         tickets = self._tickets.setdefault(message.drone, deque())

@@ -39,7 +39,6 @@ class SwarmLog:
         estimators by name. ``judges_exposures``: whether overlapping exposures are ignored (see ``ObservationLog``).
         """
         self.counters: Counter[str] = Counter()
-        self._verifier = verifier
         self._world = WorldModel(mission, (), estimators, judges_exposures=judges_exposures)
         drones = [drone.id for drone in mission.drones]
         self._revocations = Revocations(verifier, self.counters)
@@ -70,14 +69,9 @@ class SwarmLog:
             if self._world.take(proven, content, now_ns):
                 yield proven
 
-    def signed(self, status: Status, now_ns: int) -> Status | None:
-        """Return a status as far as its drone has signed it: without codes if their signature is wrong, None if the status's is.
-
-        In a swarm without certificates every status is accepted.
-        """
-        if not self._proofs.is_signed(status, now_ns):
-            return None
-        return status if self._verifier is None else self._verifier.with_signed_codes(status)
+    def is_signed(self, status: Status, now_ns: int) -> bool:
+        """Return whether a status is signed by the drone that it names; always true in a swarm without certificates."""
+        return self._proofs.is_signed(status, now_ns)
 
     def revoke(self, revocation: Revocation, now_ns: int, passed_on_by: str | None) -> None:
         """Obey a revocation (withdrawal of a member's rights): remove the member's later log entries, as the drones do.

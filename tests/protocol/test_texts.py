@@ -21,7 +21,7 @@ from radron.protocol.messages import Stage, Status
 from radron.protocol.signing import Verifier, sign_status
 from radron.protocol.texts import MAX_NOTICES, MAX_PROBLEMS, MAX_TEXT, CodedText, Texts, sendable
 from support.flights.members import AUTHORITY
-from support.flights.one_pilot import MISSION, START_NS, pilot
+from support.flights.one_pilot import MISSION, START_NS, messages, pilot
 
 ROOT = Path(__file__).parents[2]
 MAX_ACTION_WORDS = 15  # of a line on a card for the operator
@@ -116,21 +116,22 @@ def test_bad_codes_are_counted_and_dropped_with_their_status_and_the_flight_goes
     one.step(START_NS)
 
 
-def test_a_release_that_does_not_know_codes_verifies_the_rest() -> None:
-    signed = sign_status(status(), AUTHORITY.trust("d2"))
-    former = msgpack.unpackb(encode(signed))
-    del former["codes"]
-    assert Verifier(AUTHORITY).accepts_status(decode(msgpack.packb(former)))
-    assert former == msgpack.unpackb(encode(sign_status(status(codes=UNSET), AUTHORITY.trust("d2"))))
-
-
-def test_codes_count_only_as_their_drone_has_signed_them() -> None:
+def test_a_status_counts_only_with_the_codes_that_its_drone_has_signed() -> None:
     one, signed = Verifier(AUTHORITY), decode(encode(sign_status(status(), AUTHORITY.trust("d2"))))
-    assert one.with_signed_codes(signed) is signed
-    changed = replace(signed, codes=replace(signed.codes, problems=signed.codes.problems[::-1]))
-    assert one.accepts_status(changed)  # the texts are as signed
-    assert labels(one.with_signed_codes(changed).texts) == [("", None)] * 4
-    other = sign_status(status(stage=Stage.LANDED), AUTHORITY.trust("d2"))
-    assert one.with_signed_codes(replace(other, codes=signed.codes)).codes is UNSET
-    without = sign_status(status(codes=UNSET), AUTHORITY.trust("d2"))
-    assert one.with_signed_codes(without) is without
+    assert one.accepts_status(signed)
+    assert not one.accepts_status(replace(signed, codes=replace(signed.codes, problems=signed.codes.problems[::-1])))
+    assert not one.accepts_status(replace(signed, codes=UNSET))
+    assert one.accepts_status(sign_status(status(codes=UNSET), AUTHORITY.trust("d2")))
+
+
+@pytest.mark.parametrize("about", ["operator anna", "station", "D7", "d" * 40])
+def test_a_text_about_no_drone_does_not_hold_back_the_status(about: str) -> None:
+    """A flooding station, a program of another version: their names are no ids of drones."""
+    flood = CodedText(Code.FLOOD, f"{about} floods the mesh", about)
+    sent = status(Texts((flood,), None, ()))
+    assert decode(encode(sent)) == sent
+    assert labels(sent.texts) == [(Code.FLOOD, None)]
+    one = pilot()
+    one.warn((flood,))
+    statuses = [each for step in range(60) for each in messages(one.step(START_NS + step * 50_000_000), Status)]
+    assert any(str(flood) in each.problems for each in statuses)
