@@ -1,4 +1,4 @@
-"""Clock offsets between the drones, from the delays of their status messages. They never correct stamps of log entries.
+"""Clock offsets between the drones, from the delays of their status messages. Stamps of log entries are never corrected by them.
 
 **Offset.** The apparent delay of a message is the receiver's clock at the arrival minus the stamp. Each drone publishes the
 delays that it measures, so two drones with a two-way link know the delays of both directions. Half their difference is the clock

@@ -22,12 +22,11 @@ _CLEAR_OF_BACKGROUND = 4.0  # least count rate by the source on the circle, in m
 
 
 def ring_radius_m(mission: MissionConfig, ring: int, fits_hypothesis: bool) -> float:
-    """Return the radius (m) of one of the concentric circles around the source, of which each network component flies another
-    one.
+    """Return the radius (m) of a circle around the source. Each network component flies a circle of its own.
 
-    They are apart by twice the separation, so that the vehicles' deviations do not bring drones together. ``ring``: number of the
-    circle, 0 is the innermost, which all drones share while all links work; ``fits_hypothesis``: the radius of that one follows
-    the accuracy of the source estimate.
+    The circles are apart by twice the separation, so that the vehicles' deviations do not bring drones together. ``ring``: number
+    of the circle, 0 is the innermost, which all drones share while all links work; ``fits_hypothesis``: the radius of the
+    innermost circle follows the accuracy of the source estimate.
     """
     config, limits = mission.encirclement, mission.limits
     shared_m = min(config.nearest_m, config.radius_m) if fits_hypothesis else config.radius_m

@@ -55,9 +55,10 @@ _DECODER = msgspec.json.Decoder(VisionPose)
 
 
 class Vision:
-    """Forwards the poses of a SLAM on board from its TCP feed to the autopilot, as MAVLink messages.
+    """Forwarder of the poses of a SLAM on board, from its TCP feed to the autopilot, as MAVLink messages.
 
-    ``counters``: poses, malformed lines, poses dropped as too old (``dropped_stale``), and connections of the feed.
+    ``counters``: poses, malformed lines, poses whose stamp is off by more than 0.5 s and which are dropped (``dropped_stale``),
+    and connections of the feed.
     """
 
     def __init__(
@@ -67,10 +68,13 @@ class Vision:
         clock_ns: Callable[[], int],
         utc: Utc | None = None,
     ) -> None:
-        """Set up the forwarding. Raises ConfigError for an invalid address.
+        """Set up the forwarding, without a connection yet; ``run`` connects. Raises ConfigError for an invalid address.
 
-        ``send``: sends a MAVLink message to the autopilot, by name and fields. ``clock_ns``: own time; ``utc``: its lead; None:
-        0.
+        Args:
+            address: of the SLAM's TCP feed, the key ``vehicle.vision.address`` of the drone file.
+            send: sends a MAVLink message to the autopilot, given its name and its fields.
+            clock_ns: returns the present own time.
+            utc: conversion of the feed's stamps, which are by the computer's clock, to own time. None: both are the same.
         """
         self._utc = utc or Utc()
         self._feed = LineFeed("the vision system", "vehicle.vision.address", address)
@@ -125,9 +129,9 @@ class Vision:
 
 
 def odometry(pose: VisionPose) -> dict[str, Any]:
-    """Return the fields of the MAVLink message ODOMETRY for a pose; None stands for NaN: unknown.
+    """Return the fields of the MAVLink message ODOMETRY for a pose stamped in own time; None stands for NaN (not known).
 
-    The time is own time, which PX4 maps to its own clock by TIMESYNC.
+    PX4 converts the stamp to its own clock by TIMESYNC.
     """
     x, y, z = ned_from_enu(pose.position_m)
     covariance: list[float | None] = [None] * _UPPER
