@@ -192,7 +192,7 @@ class Clocks:
         return {name: self._held[name].ahead_ns for name in self._both_ns(now_ns) if name in self._held}
 
     def _by_utc_s(self, leads_ns: dict[str, int]) -> dict[str, float]:
-        """Convert leads of own time over other clocks to leads of the own clock."""
+        """Convert leads (ns) of own time over other clocks to leads (s) of the own clock over them."""
         return {name: 1e-9 * (lead_ns + self.utc.ahead_ns) for name, lead_ns in leads_ns.items()}
 
     def _hold(self, now_ns: int) -> None:

@@ -34,11 +34,11 @@ class Posed(Protocol):
 
     @property
     def position_m(self) -> Vector3:
-        """Local frame."""
+        """Position in the local frame."""
 
     @property
     def velocity_mps(self) -> Vector3:
-        """Local frame."""
+        """Velocity in the local frame."""
 
     @property
     def quaternion(self) -> Quaternion:

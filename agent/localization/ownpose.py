@@ -175,7 +175,7 @@ class OwnPose:
 
     @property
     def frame(self) -> LocalFrame | None:
-        """The local frame of the present epoch in the mission frame; None while it is not known."""
+        """Transforms between the local frame of the present epoch and the mission frame; None while not known."""
         vehicle = self.vehicle
         newest = self._frames.at(vehicle.epoch) if vehicle is not None else None
         if newest is None:
@@ -280,7 +280,7 @@ class OwnPose:
 
 
 def _plausible(state: VehicleState) -> bool:
-    """Whether telemetry is usable: all numbers finite, and within what a message can carry."""
+    """Whether telemetry is usable: all numbers are finite, and small enough for a message."""
     sigmas = state.position_sigma_m + state.yaw_sigma_rad
     if not isfinite(sigmas + state.height_m) or sigmas < 0.0 or not abs(hypot(*state.quaternion) - 1.0) < _NORM_ERROR:
         return False

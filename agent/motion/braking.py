@@ -22,10 +22,10 @@ def brake(
     step_s: float,
     horizon: int,
 ) -> Array:
-    """Return the jerks (H, 2) in m/s^3, one for each of H steps, that bring a vehicle to a target velocity as fast as the limits
-    allow.
+    """Return the horizontal jerks (H, 2) in m/s3, for H steps (``horizon``), that bring a vehicle to the velocity ``target`` as
+    fast as the limits allow.
 
-    velocity, acceleration: (2,), horizontal, at the start. limits: acceleration (m/s^2) and jerk (m/s^3).
+    ``velocity``, ``acceleration``: (2,), at the start; ``limits``: of acceleration (m/s2) and jerk (m/s3).
     """
     (vx, vy), (ax, ay), (limit, rate) = velocity, acceleration, limits
     jerks = []
@@ -42,8 +42,8 @@ def brake(
 
 
 def comes_to_rest(state: PeerState, limits: LimitsConfig) -> Vector3:
-    """Return the place where a drone stops, at its height, if it brakes from now on as fast as acceleration and jerk limits
-    allow.
+    """Return the stopping point of a drone that brakes from now on as fast as the limits of acceleration and jerk allow. Its
+    height stays.
     """
     (x, y, z), (u, v, _) = state.position, state.velocity
     stopping_s = 0.5 * (hypot(u, v) / limits.acceleration_mps2 + limits.acceleration_mps2 / limits.jerk_mps3)

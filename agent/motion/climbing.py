@@ -17,7 +17,7 @@ _ACCELERATION_SHARE = 0.5  # share of the acceleration limit; the rest is for tu
 
 
 class Climbing:
-    """Finds the vertical part of each new plan: within the limits, and between floor and ceiling of the fence."""
+    """Vertical part of each new plan: within the limits, and between floor and ceiling of the fence."""
 
     def __init__(self, limits: LimitsConfig, fence: Fence, prediction: Prediction, step_s: float, horizon: int) -> None:
         self._limits = (limits.climb_mps, _ACCELERATION_SHARE * limits.acceleration_mps2, limits.jerk_mps3)
@@ -26,7 +26,7 @@ class Climbing:
         self.confine(fence)
 
     def confine(self, fence: Fence) -> None:
-        """Set the floor and ceiling between which the drone climbs, from another fence."""
+        """Replace floor and ceiling by those of another fence."""
         self._low, self._high, horizon = fence.floor_m, fence.ceiling_m, self._horizon
         normals = np.repeat(np.array([1.0, -1.0]), horizon).reshape(2, horizon, 1)
         offsets = np.repeat(np.array([fence.floor_m, -fence.ceiling_m]), horizon).reshape(2, horizon)

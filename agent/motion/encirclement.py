@@ -44,7 +44,7 @@ def minimum_radius(drones: int, separation_m: float) -> float:
 
 
 class Encirclement:
-    """Plans one drone's flight on the circle around a centre (the estimated source), counter-clockwise and evenly spaced from the
+    """Flight of one drone on the circle around a centre (the estimated source), counter-clockwise and evenly spaced from the
     others.
     """
 
@@ -93,7 +93,8 @@ class Encirclement:
         return self._approach(me, self._arc(_angle(me, center, 0.0) + offset, radius, center, center_velocity, speed_mps))
 
     def _paper(self, me: PeerState, others: Mapping[str, PeerState], center: Vector3, radius: float) -> Reference:
-        """Sec. V-C: t[k] = (r, phi + beta_i + k (v/r) dT), beta_i = -sgn(theta_i) beta; no bias for a single drone.
+        """Return the reference by the law ``paper`` (Sec. V-C): t[k] = (r, phi + beta_i + k (v/r) dT), beta_i = -sgn(theta_i)
+        beta; a single drone has no bias.
 
         theta_i: signed angle from this drone to its nearest neighbour by central angle. The paper prints k r v dT; the angular
         rate of a speed v on the radius r is v/r.

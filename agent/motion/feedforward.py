@@ -59,7 +59,7 @@ class Deviation:
 
     @property
     def rms_m(self) -> float:
-        """The vehicle's present RMS deviation from its plan (m)."""
+        """RMS deviation (m) of the vehicle from its plans at present."""
         return sqrt(self._square)
 
     def add(self, stamp_ns: int, x: float, y: float) -> float:

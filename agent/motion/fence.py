@@ -56,9 +56,9 @@ class Fence:
         """Return the fence around a mission's area: the area widened by its margin.
 
         Args:
-            area: of the mission.
-            points: its corners (N, 2) in the planning frame; None: as configured, in the mission frame.
-            ground_m: height of the ground in the planning frame.
+            area: area, margin, floor and ceiling of the mission.
+            points: corners (N, 2) of the area in the planning frame; None: the planning frame is the mission frame.
+            ground_m: z of the ground in the planning frame, from which floor and ceiling count.
         """
         polygon = shapely.Polygon(area.polygon_m if points is None else points)
         outline = polygon.buffer(area.fence_margin_m, quad_segs=4).simplify(_SIMPLIFY_M) if area.fence_margin_m > 0.0 else polygon

@@ -39,7 +39,8 @@ class Goals:
     def surely_inside(self, x: float, y: float, radius_m: float) -> bool:
         """Return whether a circle around (x, y) of this radius lies inside the fence.
 
-        The fence is queried only if the last known clearance does not decide: it changes by at most the distance flown since.
+        The fence itself is queried only if the last known clearance does not decide: it changes by at most the distance flown
+        since then.
         """
         known_x, known_y, known_m = self._known
         way = hypot(x - known_x, y - known_y)
@@ -109,7 +110,7 @@ class Goals:
 
 
 def _bring_inside(positions: Array, velocities: Array, inside: Piece) -> None:
-    """Move goals (H, 2) that lie beyond the fence onto its boundary."""
+    """Move goals (H, 2) beyond the fence onto its boundary, in place, and stop their velocities (H, 2) towards the outside."""
     normals, offsets = inside
     outside = positions @ normals.T < offsets
     if outside.any():

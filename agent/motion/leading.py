@@ -60,7 +60,9 @@ class Leading:
         return (nearest.x, nearest.y), (0.0, 0.0)
 
     def _inside(self, x: float, y: float) -> bool:
-        """Whether the circle fits at a position. The outline is queried only where the last known clearance does not decide."""
+        """Whether a circle around this position lies inside the fence. The outline is queried only if the last known clearance
+        does not decide.
+        """
         known_x, known_y, clear_m = self._clear
         if hypot(x - known_x, y - known_y) < clear_m:
             return True

@@ -79,7 +79,7 @@ class PeerPlan(Struct, frozen=True):
         return replace(self, positions=[self.state(self.stamp_ns + after_ns).position])
 
     def goes_before(self, me: str) -> bool:
-        """Return whether the other drone has the right of way over this drone, named ``me``."""
+        """Return whether the other drone has the right of way over this drone, whose id is ``me``."""
         return self.blind or self.id < me
 
     def at(self, now_ns: int, after_s: float = 0.0) -> tuple[float, float]:
@@ -94,8 +94,8 @@ class PeerPlan(Struct, frozen=True):
         return x + share * (u - x), y + share * (v - y)
 
     def steps(self, now_ns: int, step_s: float, count: int) -> list[tuple[float, float]]:
-        """Return the other drone's planned horizontal positions at 0, step_s, ..., count step_s from now, as ``at``
-        gives them.
+        """Return the other drone's planned horizontal positions at 0, ``step_s``, ..., ``count * step_s`` from now: the same as
+        by ``at``, but faster.
         """
         age_s = (now_ns - self.stamp_ns) * 1e-9
         if self.step_s != step_s or age_s < 0.0 or len(self.positions) == 1:
@@ -143,8 +143,9 @@ def sampled(positions: Array, age_s: float, step_s: float, times: Array) -> Arra
 
 
 def margin_m(own_m: float, peer_m: float) -> float:
-    """Return the margin (m) between two plans, beyond the separation of vehicles, for the RMS deviations (m) of both from their
-    plans.
+    """Return the margin (m) that two plans keep in addition to the separation of vehicles.
+
+    ``own_m``, ``peer_m``: RMS deviations of both drones from their plans, m.
     """
     return max(LEAST_MARGIN_M, _MARGIN_SIGMAS * hypot(own_m, peer_m))
 

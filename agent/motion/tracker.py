@@ -178,7 +178,7 @@ class Tracker:
 
     @property
     def has_plan(self) -> bool:
-        """Whether there is a plan, so that ``sample`` can be called."""
+        """Whether there is a plan; ``sample`` and ``state`` need one."""
         return self._plan is not None
 
     @property
@@ -220,7 +220,9 @@ class Tracker:
         return np.array([position, velocity, (0.0, 0.0, 0.0)])
 
     def _lift(self, optimum: Array, wanted: Array, rise: Array, z: float) -> None:
-        """Recompute the vertical optimum (4, H) for ground that rises by ``rise`` (H,) along the plan."""
+        """Recompute the vertical part (4, H) of the unconstrained optimum, in place, for ground that rises by ``rise`` (H,) along
+        the plan. ``wanted``: vertical goals; ``z``: height of the plan's start.
+        """
         goals, horizon = wanted.copy(), self._horizon
         goals[2 : 2 + horizon] += rise
         goals[2 + horizon :] += np.gradient(np.concatenate(((0.0,), rise)), self._step_s)[1:]

@@ -46,7 +46,7 @@ class Circling:
         self._shared = SharedCircle(mission, drone)
 
     def begin(self) -> None:
-        """Begin anew, possibly in another local frame."""
+        """Forget all positions of a former flight or local frame."""
         self._shared.begin()
 
     def centre(self, moment: Moment, frame: LocalFrame | None) -> Centre | None:

@@ -69,12 +69,12 @@ class Other(Struct, frozen=True):
 
     @property
     def took_part(self) -> bool:
-        """Whether it took off, searched or tracked by its last message."""
+        """Whether the drone took off, searched or tracked, by its newest message."""
         return self.peer.stage in TAKING_PART
 
     @property
     def may_take_part(self) -> bool:
-        """Whether it took part or held by its last message."""
+        """Whether the drone took off, searched, tracked or held, by its newest message."""
         return self.peer.stage in MAY_TAKE_PART
 
 

@@ -60,7 +60,7 @@ class Home:
         self._remembered = KeptHome()
 
     def remember(self, kept: KeptHome) -> None:
-        """Restore the home stored before a restart of the agent."""
+        """Restore the home that was stored before a restart of the agent."""
         self._remembered, self._launch = kept, kept.launch
 
     @property

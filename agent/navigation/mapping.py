@@ -42,7 +42,7 @@ Lanes = Union[Search, "MapSurvey"]  # how a survey flies lanes
 
 
 def blocks_of(found: Contamination) -> list[Block]:
-    """Return the blocks of a map of contaminated ground."""
+    """Return the blocks of a map of contaminated ground, as published, with their activities in Bq/m2."""
     west, south = found.corner_m
     blocks = []
     for place, block in enumerate(found.blocks):

@@ -98,7 +98,7 @@ class Neighbourhood:
         return found
 
     def remember(self, before: Mapping[str, LastNews]) -> None:
-        """Restore the knowledge about the other drones from before a restart of this agent."""
+        """Restore the data of ``last_news`` from before a restart of this agent."""
         for name, belief in self._beliefs.items():
             belief.before = before.get(name)
 
@@ -186,7 +186,9 @@ class Neighbourhood:
         return found, other.may_take_part and is_one_way
 
     def _of_unplaced(self, name: str, sigma_m: float, me: Self) -> Iterator[Neighbour]:
-        """Return further positions of a peer with a new link and an uncertain place (``heardagain``), by its error (1 sigma)."""
+        """Return further possible positions of a peer whose localisation jumped while its link was lost (``heardagain``). Each
+        has the position uncertainty ``sigma_m`` (1 sigma).
+        """
         if me.local_from_mission is not None and sigma_m >= WORST_SIGMA_M:
             for one in further_plans(self._beliefs[name], name, me.viewer(me.local_from_mission)):
                 yield Neighbour(name, one, False)

@@ -15,7 +15,7 @@ from radron.agent.vehicle.interface import VehicleState
 
 
 class OwnGround:
-    """The mission's ground model, corrected by the rangefinder."""
+    """Ground model of the mission in the local frame of one drone, with its height corrected by the rangefinder."""
 
     def __init__(self, ground: Ground, own: OwnPose, area: AreaConfig) -> None:
         self._ground = ground
@@ -57,5 +57,5 @@ class OwnGround:
 
 
 def _below_m(vehicle: VehicleState) -> float:
-    """Return the local z of the ground below the vehicle, by its rangefinder."""
+    """Return the local z (m) of the ground below the vehicle, by its measured height above the ground."""
     return vehicle.position_m[2] - vehicle.height_m

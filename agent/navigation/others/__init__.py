@@ -1,1 +1,1 @@
-"""The other drones: what is known of each."""
+"""Knowledge about each other drone, beside its messages."""

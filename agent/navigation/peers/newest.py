@@ -82,7 +82,7 @@ class Peer:
         return replace(self.pose, stage=self.stage)
 
     def recall(self, pose: Pose) -> None:
-        """Restore the pose from before a restart of this agent; none has been heard since."""
+        """Restore the drone's last pose from before a restart of this agent; no pose may have been heard since."""
         self.sources.stories.append(Story.of(pose))
 
     @property
@@ -148,7 +148,7 @@ class Peer:
 
 
 def is_present(stamp_ns: int, now_ns: int) -> bool:
-    """Whether a stamp is neither too old nor in the future."""
+    """Whether a stamp is at most 2 s old, and not in the future (with a tolerance of 0.1 s)."""
     return now_ns - OLDEST_NS <= stamp_ns <= now_ns + FUTURE_NS
 
 
@@ -157,7 +157,7 @@ def _restamped(message: M | None, by_ns: int) -> M | None:
 
 
 class Peers:
-    """The other drones of the mission, by id; all stamps in own time."""
+    """Newest messages of all other drones of the mission, by id; all stamps in own time."""
 
     def __init__(self, ids: list[str]) -> None:
         self._peers = {name: Peer() for name in ids}
@@ -167,7 +167,7 @@ class Peers:
 
     @property
     def names(self) -> list[str]:
-        """Ids of all, heard or not, sorted."""
+        """Ids of all other drones of the mission, heard or not, sorted."""
         return sorted(self._peers)
 
     def receive(self, message: Pose | Plan | Status, now_ns: int, ahead_ns: int | None = None) -> str | None:
@@ -191,7 +191,7 @@ class Peers:
         return dropped
 
     def see(self, sighting: Sighting) -> None:
-        """Keep this drone's own sighting of another one."""
+        """Keep a sighting of another drone by this one, and drop those that are 3 s older than the newest."""
         sightings = self._peers[sighting.target].sightings
         sightings.append(sighting)
         newest_ns = max(sightings[0].stamp_ns, sighting.stamp_ns)
@@ -204,7 +204,7 @@ class Peers:
             self._peers[drone].sources.disowned(now_ns)
 
     def are_two(self, drone: str, now_ns: int) -> bool:
-        """Whether two sources have lately sent under a drone's id."""
+        """Whether two senders under a drone's id were proven in the last 10 s."""
         return drone in self._peers and self._peers[drone].sources.are_two(now_ns)
 
     def problems(self, now_ns: int) -> tuple[CodedText, ...]:

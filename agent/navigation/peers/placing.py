@@ -131,7 +131,7 @@ def _stamp(pose: Pose) -> int:
 
 
 def _nowhere(_: int) -> None:
-    """No expected position."""
+    """Return None: no position is expected."""
 
 
 def blind_plan(

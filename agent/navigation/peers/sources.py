@@ -1,8 +1,9 @@
 """Check whether the messages under one drone's id come from one sender, and all its possible positions if they may not.
 
-A second sender may hold a copy of the drone's key, or be its agent started twice. No message proves its sender: any holder of the
-key can write anything, also the source ids of Zenoh. So no message makes another one invalid, whatever its stamp. It can add a
-possible position, or an end of the flight that all other messages allow.
+A sender is called a source in names and in the problem for the operator. A second one may hold a copy of the drone's key, or be
+the drone's agent, started twice. No message proves its sender: any holder of the key can write anything, also the source ids of
+Zenoh. So no message makes another one invalid, whatever its stamp. It can add a possible position, or an end of the flight that
+all other messages allow.
 
 A *story* is a sequence of poses through which one vehicle can have flown. A pose that continues no known story begins a new one.
 Each story is a possible position until it has had no pose for two seconds. A drone is on the ground when no status and no pose of
@@ -73,7 +74,7 @@ class Story:
 
     @property
     def newest(self) -> Pose:
-        """The last pose by its stamp."""
+        """The pose with the latest stamp."""
         return self.poses[-1]
 
     def fits(self, pose: Pose) -> bool:

@@ -1,1 +1,1 @@
-"""Lost and one-way peers: their possible positions, and the circles and ways of the other drones clear of them."""
+"""Missing drones (without a two-way link): their possible positions, and circles, heights and ways clear of them."""

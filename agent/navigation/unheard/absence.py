@@ -1,4 +1,4 @@
-"""Consequences of lost and one-way links for one drone."""
+"""Missing drones, without a two-way link, and the consequences for the flight of one drone."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class Absence(Struct, frozen=True):
 
     @property
     def unheard(self) -> tuple[str, ...]:
-        """Missing drones with a lost link."""
+        """Missing drones that this drone does not hear: with a lost link, or never heard."""
         return tuple(name for name in self.missing if name not in self.unhearing)
 
     @property
     def problems(self) -> tuple[CodedText, ...]:
-        """Problems of the links for the operator, one line each."""
+        """Problems for the operator: peers that this drone does not hear, and peers that do not hear it."""
         lost = [CodedText(Code.PEERS_LOST, f"does not hear {', '.join(self.unheard)} any more")] if self.unheard else []
         return (*lost, *([CodedText(Code.NOT_HEARD, f"is not heard by {', '.join(self.unhearing)}")] if self.unhearing else []))
 

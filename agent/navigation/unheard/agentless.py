@@ -116,7 +116,7 @@ class Course(Struct, frozen=True):
         return [(x + share * (end_x - x), y + share * (end_y - y)) for share in np.linspace(0.0, 1.0, count).tolist()]
 
     def is_stop(self, stretch: Stretch) -> bool:
-        """Whether a stretch returned by ``stretches`` is the stop of this course."""
+        """Whether a stretch returned by ``stretches`` is that of the stop, and not of the way home."""
         return (stretch.start, stretch.end) == (self.stop.start, self.stop.end)
 
     def _leaves_s(self, below_m: float) -> float:
@@ -140,7 +140,7 @@ class Course(Struct, frozen=True):
 
 
 class Agentless:
-    """Failsafe courses of the vehicles of a mission."""
+    """Failsafe courses of the vehicles of a mission, by its launch layout, return heights and ``safety.agent_lost``."""
 
     def __init__(self, mission: MissionConfig) -> None:
         self._agent_lost = mission.safety.agent_lost
@@ -209,7 +209,7 @@ class Agentless:
         return "hold" if name in self._homeless else self._agent_lost
 
     def has_home(self, name: str) -> bool:
-        """Whether the autopilot can return: not if the origin of its local frame is arbitrary."""
+        """Whether the autopilot of a drone can return by itself; not with SLAM, whose local frame has an arbitrary origin."""
         return name not in self._homeless
 
     def launch(self, name: str) -> Vector3:

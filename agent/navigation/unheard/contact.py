@@ -1,4 +1,4 @@
-"""The link between two drones, their last contact, and the separation line that follows from it. Horizontal, mission frame."""
+"""State of the link between two drones, their last contact, and the separation line by it. Horizontal, mission frame."""
 
 from __future__ import annotations
 

@@ -25,18 +25,20 @@ _CLIMBS_LATE_S = 2.0  # for the climbs of other drones: they may notice a loss l
 
 
 def is_over_m(mission: MissionConfig, drone: str) -> float:
-    """Return the height (m) above the ground from which on a drone is above all low flight."""
+    """Return the height (m) above the ground from which on a drone counts as in its altitude layer, above all low flight."""
     return crossing_height_m(mission, drone) - _NEAR_M
 
 
 def low_m(mission: MissionConfig) -> float:
-    """Return the height (m) above the ground below which a drone is among searching and tracking drones."""
+    """Return the height (m) above the ground below which a drone counts as low, among searching and tracking drones."""
     return mission.survey.height_m + _NEAR_M
 
 
 def crossing_height_m(mission: MissionConfig, drone: str) -> float:
-    """Return the height (m) above the ground of a drone's altitude layer: the return height of its autopilot, and a lift. The
-    lift raises the lowest layer above all circles, as far as the ceiling allows.
+    """Return the height (m) above the ground of a drone's altitude layer: the return height of its autopilot.
+
+    If the lowest layer is not well above all circles, all layers are lifted by as much; if the ceiling does not allow that, the
+    layers are also closer together.
     """
     layers_m, height_m = mission.return_heights_m, mission.return_height_m(drone)
     lift_m = highest_circle_m(mission) + mission.limits.separation_m + _NEAR_M - min(layers_m)
@@ -70,7 +72,7 @@ class Crossing:
         self.climbs = self.is_outside = self.is_over = False
 
     def end(self) -> None:
-        """End the crossing: no circle is left to be crossed."""
+        """Note that no circle is left to be crossed."""
         self._held_m = None
         self.climbs = self.is_outside = self.is_over = False
 
@@ -106,7 +108,7 @@ class WayHome:
         self.begin()
 
     def begin(self) -> None:
-        """Begin a return, or begin it anew in another local frame."""
+        """Begin a return, also one that goes on in another local frame."""
         self._held: Point2 | None = None  # position of the climb
         self._crosses = self._is_over = self._is_home = self.climbs = self.comes_down = False
 

@@ -33,7 +33,7 @@ class Homes:
 
     @property
     def kept(self) -> tuple[KeptPlace, ...]:
-        """All keep-out discs; mission frame."""
+        """Keep-out discs over the homes of all drones; mission frame."""
         return tuple(home for _, belief in sorted(self._beliefs.items()) for home in belief.kept.values())
 
     def keep(self, name: str, home: Point2, sigma_m: float = 0.0) -> None:

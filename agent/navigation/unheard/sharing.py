@@ -61,7 +61,7 @@ class SharedCircle:
         self._heard: dict[str, tuple[int, PeerPlan, Vector3]] = {}
 
     def begin(self) -> None:
-        """Begin anew in another local frame."""
+        """Forget all positions, because a new local frame begins."""
         self._heard.clear()
         self._crossing.end()
 

@@ -173,7 +173,7 @@ class Silent:
         return (*self._homes.kept, *(KeptPlace(place, _SIGMA_M) for course in courses for place in course.hovers))
 
     def _has_left(self, name: str, now_ns: int) -> bool:
-        """Whether a revoked drone that obeys has climbed from the circle."""
+        """Whether a revoked drone reported 15 s ago or earlier that it obeys: it has climbed away from the circle."""
         since_ns = self.beliefs[name].obeys_ns
         return since_ns is not None and now_ns - since_ns >= LEFT_S * 1e9
 
@@ -311,7 +311,7 @@ class Silent:
         return self._along(name, [course], last.stamp_ns, last, 0.0, me)
 
     def _wall_now(self, name: str, peer: Peer, pose: Pose, mission_from_theirs: Transform, me: Viewer) -> Wall | None:
-        """Return the separation line between this drone and a lost peer, while valid."""
+        """Return the valid separation line between this drone and a lost peer; None without one, or if this drone is revoked."""
         contact = self._contact(name, peer, pose, mission_from_theirs, me)
         if me.revoked:  # it returns without a line: while it waited over home for the end of a line, other drones would return
             self.beliefs[name].line = None
@@ -320,7 +320,7 @@ class Silent:
         return self._wall(name, contact, me)
 
     def _wall(self, name: str, contact: Contact, me: Viewer) -> Wall | None:
-        """Return the separation line that follows from a contact, while valid."""
+        """Return the valid separation line by the last contact with a peer; None without one."""
         line = line_of(self.beliefs[name].line, contact, self._tracked_ns, me)
         if line is None:
             return None

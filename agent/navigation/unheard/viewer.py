@@ -40,7 +40,7 @@ class Viewer(Struct, frozen=True):
     excluded: Collection[str] = ()
 
     def way(self) -> Array:
-        """Return the planned positions (K, 3), mission frame."""
+        """Return the planned positions (K, 3) of this drone from now on, in the mission frame."""
         return self.local_from_mission.inverse().apply(self.ahead())
 
     def times_since(self, stamp_ns: int) -> Array:

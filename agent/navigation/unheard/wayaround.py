@@ -49,7 +49,7 @@ def hovering(others: Sequence[PeerPlan], mission_from_local: Transform) -> list[
 
 
 class WayAround:
-    """Ways around keep-out discs for one drone, horizontal."""
+    """Shortest horizontal ways around keep-out discs inside the fence, for one drone."""
 
     def __init__(self, mission: MissionConfig) -> None:
         self._separation_m = mission.limits.separation_m
