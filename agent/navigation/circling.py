@@ -56,7 +56,7 @@ class Circling:
             return None
         x, y, z = hypothesis.sight_of(self._id).position.tolist()
         u, v, w = hypothesis.velocity.tolist()
-        if hypothesis.evidence is not None:  # only such an estimator has a velocity
+        if hypothesis.evidence is not None:  # only an estimator that gives an evidence also gives a velocity
             (x, y), (u, v) = self._leading.centre(moment.now_ns, hypothesis.stamp_ns, (x, y), (u, v))
         to_local = frame.local_from_mission
         return Centre(to_local.apply_point((x, y, z)), to_local.rotate_direction((u, v, w)), ((x, y), (u, v)))

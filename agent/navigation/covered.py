@@ -24,12 +24,12 @@ from radron.agent.motion.survey import MOST_POINTS, covered
 from radron.protocol.entries import Coverage, EntryId
 
 WINDOW_NS = 20_000_000_000
-MOST_ENTRIES = 8  # per drone and window: one each 5 s, and some more at jumps of its frame and restarts of its agent
-MOST_WINDOWS = 4_320  # per drone: a day
-_LEVELS = 13  # 2^13 windows: all of a day, from any first window
+MOST_ENTRIES = 8  # counted entries per drone and window: one each 5 s, and more at jumps of its frame and restarts of its agent
+MOST_WINDOWS = 4_320  # windows that count per drone: those of a day
+_LEVELS = 13  # levels of united windows: 2^13 windows hold a day, from any first window
 _TANGLED = 3.0  # a path longer than this times its extent crosses itself often: only some of its points count
 _FEW_POINTS = 12
-_TOLERANCE, _COARSE = 0.003, 0.05  # shares of the swath: simplification of shapes, and of shapes above MOST_POINTS
+_TOLERANCE, _COARSE = 0.003, 0.05  # tolerance of simplified shapes, as a share of the swath; with over MOST_POINTS points
 _CHEAP = 0.05  # cost of a shape that is taken over unchanged, relative to the union of two shapes
 
 Path: TypeAlias = NDArray[np.float64]  # (K, 2), mission frame

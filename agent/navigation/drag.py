@@ -17,12 +17,12 @@ from radron.agent.vehicle.interface import VehicleState
 GRAVITY_MPS2 = 9.80665
 _PART_S = 0.5  # duration T of one measurement: long enough to average attitude noise, short compared with manoeuvres
 _GAP_S = 0.25  # longer gaps in telemetry interrupt the integral
-_STEEPEST = 0.5  # cosine of the largest tilt of level flight
+_STEEPEST = 0.5  # cosine of the largest tilt at which flight counts as level
 _VELOCITY_NOISE_MPS = 0.15  # 1 sigma of a change of velocity in that time; errors of 0.3 m/s are correlated over seconds
 _SLOWEST_MPS = 1.0  # below this speed the drag is not updated: drift of the position estimate would count as motion
 _DRAG_SIGMA_PS = 0.4  # prior 1 sigma of the drone file's value
 _DRAG_WALK_PS = 0.02  # random walk of the drag in 1 s, because the drag also depends on the speed
-_CONSTANT_SIGMA_MPS2 = 1.0  # wind of some m/s
+_CONSTANT_SIGMA_MPS2 = 1.0  # prior 1 sigma of c, for a wind of some m/s
 _CONSTANT_WALK_MPS2 = 0.1
 _GATE = 16.0  # a measurement whose squared innovation exceeds its variance by this factor is an outlier
 _MISFIT_PARTS = 20.0  # the misfit is averaged over this many measurements

@@ -86,7 +86,7 @@ class Navigator:
         self._room = Polygon()
         self.reckoning: Reckoning | None = None
         self.revoked, self.excluded = False, set[str]()
-        self._virtual = PeerState((0.0, 0.0, 0.0))  # the tracker's own state; at its start the vehicle's
+        self._virtual = PeerState((0.0, 0.0, 0.0))  # state at which the next plan begins: that of the last plan now
         self._epoch = -1
         self._due_ns = self._stepped_ns = 0
         self._begun_ns = 0
@@ -258,7 +258,7 @@ class Navigator:
         plans = [other.plan for other in others]
         seen = seen_bearings(peers, vehicle.epoch, now_ns) if frame is None else ()
         reference = self._guidance.reference(moment, self._virtual, centre, partners, deviation_m, self.absence, plans, seen)
-        if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:  # the missing drones are not known yet
+        if self._neighbourhood.listens and moment.stage is not Stage.TAKEOFF:  # it does not know yet which drones are missing
             reference = self._guidance.stay(self._virtual)
         kept_from = [*plans, *self._guidance.circles_of_others(moment, centre, self.absence, ahead)]
         wanted = self._ground.kept_off(reference, vehicle)

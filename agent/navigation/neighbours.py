@@ -49,7 +49,8 @@ from radron.agent.navigation.unheard.silent import Silent
 from radron.agent.navigation.unheard.viewer import Viewer
 from radron.protocol.stages import CIRCLING
 
-# Distance below which two positions of a drone are one: steering has room for three half-planes in each step.
+# Two possible positions of a drone nearer to each other than this count as one, because steering uses only three half-planes in
+# each step.
 _SAME_M = 0.3
 _STOPPED_NS = 2_000_000_000  # after this time a vehicle whose agent is lost has stopped; earlier sightings show it in motion
 

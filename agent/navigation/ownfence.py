@@ -16,7 +16,7 @@ from radron.agent.vehicle.interface import VehicleState
 _LEAST_MARGIN_M = 5.0  # the fence stays at least this far outside of the area, however uncertain the own position is
 _MOVED_M = 0.3  # smaller shifts of the fence in the local frame, or of its heights, are not applied
 _WAITING_M = 12.0  # radius of the fence around a drone with an unknown frame
-_ROOM_M = 4.0  # a fence within which no circle of this radius fits leaves no room to fly
+_ROOM_M = 4.0  # a fence into which no circle of this radius fits is too small for a flight
 
 
 class OwnFence:

@@ -16,8 +16,8 @@ from radron.protocol.messages import Stage
 from radron.protocol.stages import DESCENDING
 
 _AHEAD_S = 2.0  # from the command to the lift-off
-_MARGIN_M = 1.0  # beyond the separation
-_MOST_DOUBT_M = 2.0  # more would keep a drone with a very uncertain frame on the ground
+_MARGIN_M = 1.0  # added to the separation
+_MOST_DOUBT_M = 2.0  # limit of the distance added for position uncertainty: else a drone with an uncertain frame never takes off
 _CLOSE = 0.8  # share of the separation kept from a landing drone: it stays over its place, and others stand right beside it
 
 

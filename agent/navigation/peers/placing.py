@@ -15,9 +15,9 @@ from radron.agent.navigation.peers.relative import placed_alone, places
 from radron.protocol.entries import Sighting
 from radron.protocol.messages import Plan, Pose
 
-WORST_SIGMA_M = 5.0  # separation grows no further: a drone with a larger sigma could drive the swarm off its circle
+WORST_SIGMA_M = 5.0  # larger position uncertainties count as this: else one drone could drive the swarm off its circle
 SIGMAS = 3.0
-_DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # growth of the minimum separation where frames are estimated
+_DOUBT_SIGMAS, _MOST_DOUBT_M = 2.0, 1.0  # addition to the least separation if frames are estimated: so many sigma, at most so far
 _POSE_GAP_NS = 500_000_000  # no position is interpolated over a longer gap between poses
 
 

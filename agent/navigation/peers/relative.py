@@ -14,13 +14,13 @@ from radron.agent.motion.reference import PeerState
 from radron.protocol.entries import Sighting
 
 WINDOW_NS = 3_000_000_000  # older sightings are not used
-FEWEST = 4  # sightings that must agree before they are used
-_SHARE = 0.6  # at least this share of all in the window must agree
+FEWEST = 4  # so many sightings must agree before they are used
+_SHARE = 0.6  # and at least this share of all sightings in the window
 _SIGMAS = 3.0
-_FLOOR_M = 0.2  # common error of one sensor's sightings
-_SPAN_S = 0.8  # sightings must span this time to give a velocity
-_CHANGE_MPS = 3.0  # error of a velocity of the window at its end: half of a vehicle's change until then
-_NEAR_NS = 1_200_000_000  # time within which agreement counts as confirmation: over longer ones a false sighting may agree, too
+_FLOOR_M = 0.2  # error that all sightings of one sensor have in common
+_SPAN_S = 0.8  # sightings give a velocity if they span at least this time
+_CHANGE_MPS = 3.0  # error of the mean velocity in the window at its end, half of the vehicle's change of velocity in that time
+_NEAR_NS = 1_200_000_000  # sightings farther apart in time than this do not confirm each other: a false one may fit by chance
 UNKNOWN_MPS = 0.5  # growth of the error (1 sigma) of a position with known velocity
 _STILL: Vector3 = (0.0, 0.0, 0.0)
 
@@ -86,7 +86,7 @@ def offset(seen: Sequence[Placed], expected: Callable[[int], Vector3 | None]) ->
     if len(known) < FEWEST:
         return None
     apart = [(x - u, y - v, z - w) for (x, y, z), (u, v, w), _ in known]
-    # Of a dozen values; NumPy's median and std take as long as all the rest.
+    # Without NumPy's median and std, which would take as long as all the rest for a dozen values.
     middle = [median(along) for along in zip(*apart, strict=True)]
     vectors, sigmas = np.array(apart), np.array([sigma_m for _, _, sigma_m in known])
     agree = np.hypot(*(vectors - middle)[:, :2].T) <= _SIGMAS * sigmas + _FLOOR_M

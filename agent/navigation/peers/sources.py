@@ -31,7 +31,7 @@ from radron.protocol.stages import ON_GROUND
 from radron.protocol.texts import CodedText
 
 FASTEST_MPS = 20.0  # faster than any vehicle of the swarm, also in a failsafe or under a safety pilot
-SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # errors of a localisation between two poses
+SLACK_M, SIGMAS, MAX_DOUBT_M = 1.5, 3.0, 5.0  # tolerance for localisation errors of two poses: 1.5 m and 3 sigma, at most 5 m
 # Deviation of a pose from the motion of the pose before it: with a larger one, the pose belongs to another story.
 SAME_M, SAME_MPS, MAX_ACCELERATION_MPS2 = 0.5, 2.0, 10.0
 RECENT_NS = 3_000_000_000  # poses are kept for this long
@@ -41,8 +41,8 @@ SHOWN_NS = 10_000_000_000  # for this long after a proof, two senders are report
 FRESH_NS = 2_500_000_000  # a status in flight counts for this long beside later ones: two periods and a half
 REST_NS = 2_000_000_000  # a drone is on the ground after this time with poses at rest alone
 DOWN_NS = 120_000_000_000  # by then a vehicle on a failsafe return has landed
-MAX_REST_MPS = 1.0  # apparent speed of a drone on the ground
-MAX_BOOTS = 4  # in memory
+MAX_REST_MPS = 1.0  # greatest apparent speed of a drone on the ground
+MAX_BOOTS = 4  # number of boots that are remembered
 MAX_STORIES = 4
 MIN_TURNS = 3  # changes between contradictory stories that prove two senders: a localisation that jumps and back makes two
 
@@ -251,7 +251,7 @@ def _leads(before: Pose, after: Pose) -> bool:
         return before.epoch < after.epoch
     elapsed_s = 1e-9 * (after.stamp_ns - before.stamp_ns)
     if dist(before.velocity_mps, after.velocity_mps) > SAME_MPS + MAX_ACCELERATION_MPS2 * elapsed_s:
-        return False  # a source with the right position, but another velocity, would shift the prediction
+        return False  # a second sender with the right position, but another velocity, would shift the prediction
     moved = [x - y for x, y in zip(after.position_m, before.position_m, strict=True)]
     way = [elapsed_s * v for v in before.velocity_mps]
     share = min(1.0, max(0.0, sum(map(mul, moved, way)) / (sum(map(mul, way, way)) or 1.0)))

@@ -29,7 +29,7 @@ class TheirFrames:
         self._graph, self._drift = graph, Drift(mission)
         self._members = {member.id: member for member in mission.drones}
         self._placed: dict[str, tuple[Pose, Transform]] = {}  # the newest pose of each in a known frame, and that frame
-        self._carried: dict[str, int] = {}  # epoch with a frame by continuity, or from before a restart
+        self._carried: dict[str, int] = {}  # epoch of each whose frame is by continuous motion, or from before a restart
         self._remembered: Mapping[str, KeptFrame] = {}
 
     @property

@@ -29,7 +29,8 @@ _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
 # Earliest departure after a rise of more than a metre. Earlier than all three measured ones, and than the departure of a drone
 # that its agent brings home, which waits in its altitude layer first (``crossing.climb_s``).
 _STOPS_S, _FASTEST_CLIMB_MPS, _RISE_M = 2.5, 2.2, 1.0
-# Least and greatest stopping distance, in seconds of its velocity: about ``ONWARD_S``; greatest one of a failsafe hold.
+# Least and greatest stopping distance, in seconds of flight at the last velocity (``ONWARD_S`` is between them); greatest one of
+# a failsafe hold.
 _NEAREST_S, _FARTHEST_S, _HOLD_S = 0.5, 2.0, 2.3
 _BRAKES_MPS2, _BRAKES_LATE_S = 6.0, 0.6  # stopping distance after a hold command: v^2 / 6 + 0.6 v; MPC_ACC_HOR is 3 m/s^2
 _GAP_M = 6.0  # between the centres of two keep-out discs: no way leads between them

@@ -14,7 +14,7 @@ from radron.agent.navigation.peers.newest import Peer
 from radron.agent.navigation.unheard.agentless import Course
 from radron.protocol.messages import Pose, Stage
 
-SILENT_NS = 1_000_000_000  # without a pose: ten pose periods
+SILENT_NS = 1_000_000_000  # a link is lost after this time without a pose: ten pose periods
 # A peer is quiet after this time without a pose, beyond its usual delay: four poses are missing. Its agent may be lost, and then
 # its vehicle stops soon. A drone that follows at 6 m/s and notices only after a second could not stop behind it any more.
 QUIET_NS = 400_000_000

@@ -19,8 +19,8 @@ _NEAR_M = 1.0  # tolerance for arrival at a height or on a circle
 # (hysteresis). The stopping point counts because a drone that flies outward over its home at 4 m/s when it is ordered to return
 # would otherwise fly on low for 15 m.
 _OVER_HOME_M, _AWAY_M = 2.0, 6.0
-_CEILING_SHARE = 0.9  # of the ceiling, from which plans keep clear: the highest altitude layer
-CLEAR_M = 5.0  # from a forbidden circle during the climb: the separation, and the margin of plans
+_CEILING_SHARE = 0.9  # greatest height of a lifted altitude layer, as a share of the ceiling, from which plans keep clear
+CLEAR_M = 5.0  # distance of a climbing drone from a circle of missing drones: the separation, and the margin of plans
 _CLIMBS_LATE_S = 2.0  # for the climbs of other drones: they may notice a loss later, and need time to reach their climb rate
 
 

@@ -12,7 +12,7 @@ from radron.agent.navigation.unheard.contact import motion_of
 from radron.protocol.messages import Pose, Stage
 from radron.protocol.stages import BRAKING, STEERED
 
-_BLIND_NS = 1_500_000_000  # status newer than the last pose by more than this: the agent is without telemetry
+_BLIND_NS = 1_500_000_000  # an agent whose newest status is newer than its last pose by more than this has no telemetry
 
 
 def stage_at(pose: Pose, peer: Peer) -> Stage:

@@ -16,7 +16,7 @@ from radron.agent.navigation.unheard.viewer import Viewer
 from radron.protocol.stages import TAKING_PART
 
 APART_NS = 60_000_000_000  # validity of a separation line after the last contact
-KEPT_M = 4.5  # least distance of a waypoint from the line
+KEPT_M = 4.5  # least distance of a search waypoint from the line
 
 
 class Line(NamedTuple):

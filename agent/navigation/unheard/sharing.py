@@ -25,11 +25,11 @@ from radron.agent.navigation.unheard.contact import ON_M
 from radron.agent.navigation.unheard.crossing import CLEAR_M, Crossing
 from radron.agent.navigation.unheard.sides import is_next
 
-ROOM_M = 3.0  # between a circle and the fence
+ROOM_M = 3.0  # least distance between a circle and the fence
 # A lost peer follows its last plan until it notices the loss; at about the same time it counts as missing here. Then it brakes
 # from its speed on the circle, or on the way there. After this time along its plan it has stopped, to a metre or two.
 _STOPS_NS = 1_000_000_000
-_PASSES_MPS, _PASSED_M = 1.5, 8.0  # speed of passing traffic; distance outside the circle beyond which traffic is ignored
+_PASSES_MPS, _PASSED_M = 1.5, 8.0  # least speed of a drone that passes; farther outside of the circle it no longer counts
 
 
 class _Circle(NamedTuple):

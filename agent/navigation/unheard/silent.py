@@ -56,8 +56,8 @@ LEFT_S = 15.0
 # A failsafe return this many times the separation above a drone, or higher, is no obstacle: altitude layers separate both.
 # Otherwise its way across the circle would keep drones from their places for a quarter of a minute.
 _ABOVE = 2.0
-_SIGMA_M = 0.3  # deviation from the failsafe course to the side
-_LOW_M = 1.5  # a vehicle seen no higher may be on the ground
+_SIGMA_M = 0.3  # 1 sigma of a vehicle's deviation from its failsafe course, to the side
+_LOW_M = 1.5  # a vehicle that is seen no higher above the ground may have landed
 
 
 Links = Mapping[str, LinkState]
@@ -91,8 +91,8 @@ class Silent:
         """Note that a drone without a link is seen, and return whether it may fly.
 
         ``heard_ns``: stamp of its last pose, None: never heard; ``seen``: its position by sightings, own local frame. It counts
-        as landed if it is seen near the ground, and its vehicle must be down after so long a silence. Otherwise it would block
-        neighbouring homes for good.
+        as landed if it is seen near the ground, and was never heard, or has been silent for longer than the longest return takes.
+        Otherwise it would block neighbouring homes for good.
         """
         belief, place = self.beliefs[name], seen.positions[0]
         belief.kept.clear()
@@ -230,7 +230,7 @@ class Silent:
         ahead, heights_m, silent_s = own_way[:, :2], own_way[:, 2], float(times[0])
         below_m, above_m = heights_m + _ABOVE * self._separation_m, heights_m - self._separation_m
         found = []
-        stops: list[Stretch] = []  # each once: steering has room for three half-planes in each step
+        stops: list[Stretch] = []  # each stop counts once, because steering uses only three half-planes in each step
         for course in courses:
             # Once the peer must be at home, a revoked drone ignores the peer's position uncertainty, because homes are apart.
             # Otherwise it would be kept from its own home for longer than the other drones expect it to be in flight.

@@ -14,7 +14,7 @@ from radron.agent.motion.separation import PeerPlan
 from radron.agent.navigation.peers.placing import blind_plan
 from radron.agent.navigation.unheard.contact import Circle, Wall
 
-_BEHIND_M = 2.0  # nearest position of the peer beyond the line: with margins, each stays 3.6 m from the line
+_BEHIND_M = 2.0  # a peer is assumed at least so far beyond the line: with 5 m between plans, each plan stays 3 m before its line
 
 
 class Viewer(Struct, frozen=True):

@@ -21,8 +21,8 @@ from radron.agent.localization.ownpose import LocalFrame
 from radron.agent.motion.detour import Detours
 from radron.agent.motion.separation import DOUBT_SIGMAS, PeerPlan, margin_m
 
-_FENCE_M = 1.5  # margin of plans to the fence
-_QUARTER = 3  # edges of a circle's quarter
+_FENCE_M = 1.5  # distance of the way from the fence: the margin of plans
+_QUARTER = 3  # discs are polygons with this many edges in each quarter
 _GRAIN_M = 0.25  # radii of discs that reach up to an end of the way are rounded to this: else the way changes at each step
 _HOVERS_MPS, _HOVER_GRAIN_M = 1.0, 0.5  # greatest speed of a hovering vehicle; its position is rounded to this, likewise
 
@@ -73,7 +73,7 @@ class WayAround:
         The radius of a disc is the distance that plans keep from such a place; but no disc covers an end of the way.
         ``deviation_m``: RMS deviation of this drone from its plans.
         """
-        widened = 1.0 / cos(0.25 * pi / _QUARTER)  # from the inner circle of the polygon to its corners: its edges touch the disc
+        widened = 1.0 / cos(0.25 * pi / _QUARTER)  # outer over inner radius of such a polygon, whose edges shall touch the disc
         circles = []
         for one in kept:
             free_m = min(dist(one.place, end) for end in (here, there)) / widened
