@@ -51,7 +51,7 @@ _LEAST_TRIP_NS = -50_000_000  # least sum of both delays: clocks drift, and a st
 # second, so the smallest delays of the two directions are at most a second apart; one status may be lost, and the next one late.
 _HELD_NS = 5_000_000_000
 _SET_BACK_NS = 1_000_000_000  # least backward step of the common time; its estimates differ by less
-_AGAIN_NS = 2_000_000_000  # a status shows that a clock was right up to now; statuses come once a second
+_AGAIN_NS = 2_000_000_000  # a backward step is over when the common time is so far beyond the last agreement with other clocks
 _MOST_DELAY_NS = 2**62  # the limit of the message's field
 
 

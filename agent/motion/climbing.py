@@ -12,7 +12,7 @@ from radron.agent.motion.prediction import Prediction
 from radron.agent.motion.qp import HalfPlanes, LimitedProblem
 from radron.agent.motion.steering import Peaks, Status
 
-_UNEVEN_M = 0.5  # extra margin to floor and ceiling where the ground ahead is known from a model only
+_UNEVEN_M = 0.5  # extra margin to floor and ceiling over uneven ground, whose height ahead is known from a model only
 _ACCELERATION_SHARE = 0.5  # share of the acceleration limit; the rest is for turns
 
 

@@ -27,7 +27,7 @@ from radron.agent.motion.reference import PeerState, Reference
 _LOOKAHEAD_S = 0.5
 MARGIN_M = 2.5  # between neighbours on the smallest circle, beyond the separation
 _CLOSING_SHARE = 0.5  # share of the acceleration limit for closing in; the rest is for the turn and for corrections
-_AT_SLOT_M = 0.01  # offsets below this are not led
+_AT_SLOT_M = 0.01  # a drone nearer to its slot than this is at the slot
 _SPEED_SHARE = 0.85  # share of the speed limit for closing in and circling together
 
 

@@ -13,7 +13,7 @@ from radron.agent.errors import ConfigError
 from radron.agent.geometry import Array
 
 _PIECES = 12  # greatest number of half-planes of a convex part
-_SIMPLIFY_M = 0.5  # tolerance of the buffered outline at its round corners
+_SIMPLIFY_M = 0.5  # tolerance with which the round corners of the widened area are simplified
 
 
 class Fence:
