@@ -67,8 +67,7 @@ class Clocks:
 
     utc: conversion of own time to the own clock.
     offset_s: lead of the own clock over the median of all known clocks, its own included. If the clocks split into halves, as
-    those
-        of two drones, no half is known to be right; then it is the lead over the other half, on both sides.
+        those of two drones, no half is known to be right; then it is the lead over the other half, on both sides.
     """
 
     def __init__(self, drone: str, others: Iterable[str]) -> None:

@@ -30,8 +30,7 @@ class OwnFrames:
     """Local frames of one drone, by epoch; transforms are mission from local.
 
     is_estimated: the frames are estimated from the log, and not given by the mission. is_left_out: this drone's log entries do
-    not
-        count any more, so the log gives no frame. known: a frame given by the mission, over jumps.
+        not count any more, so the log gives no frame. known: a frame given by the mission, over jumps.
     """
 
     def __init__(self, member: DroneInMission, frames: FrameGraph, drift: Drift) -> None:

@@ -41,8 +41,7 @@ class Climbing:
             peaks: its largest values.
             guess: (H, 1), initial jerks for the solver.
             ground: (H,), height of the ground below the plan at its steps, to which floor and ceiling are then relative; None:
-            level
-                ground.
+                level ground.
         """
         if self._within_limits(float(start[0, 0]), optimum, peaks, ground):
             return Status.FREE, optimum[0, :, 0]

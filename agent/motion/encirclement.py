@@ -3,9 +3,8 @@
 Each drone computes its arc from the positions of all drones. There are two laws (``EncirclementConfig.law``):
 
 - ``paper``: Sec. V-C of the paper. The arc begins a fixed angle beta away from the nearest neighbour by central angle. The law
-has
-  no equilibrium: at even spacing beta still points away from whichever neighbour happens to be nearer. So the spacing oscillates
-  around 2 pi / N, by the tracker's response to a step of beta between two plans.
+  has no equilibrium: at even spacing beta still points away from whichever neighbour happens to be nearer. So the spacing
+  oscillates around 2 pi / N, by the tracker's response to a step of beta between two plans.
 - ``smooth``: a virtual structure of N slots, 2 pi / N apart, which rotates at v/r. Drones keep their order around the circle, and
   the phase of the structure is the least-squares fit to the angles of all drones. So all drones compute the same structure from
   the same positions, and each flies to its own slot. The velocity of the centre is fed forward.

@@ -58,8 +58,8 @@ class OwnFence:
         return self._made(vehicle)
 
     def _outline(self, frame: LocalFrame) -> tuple[Array, float]:
-        """Return the area's corners (N, 2) in the local frame, and the distance (m) of the fence outside of them, reduced by the
-        position uncertainty.
+        """Return the area's corners (N, 2) in the local frame, and the distance (m) from the area out to the fence, reduced by
+        the position uncertainty.
         """
         margin_m = self._area.fence_margin_m
         if frame.mission_from_local.covariance is not None:

@@ -186,8 +186,8 @@ class Silent:
     def _may_be_anywhere(self, name: str, peer: Peer, now_ns: int, *, cut_off: bool) -> bool:
         """Whether a missing drone without a valid separation line may still fly, at an unknown position.
 
-        ``cut_off``: it surely or probably flies on without a link to this drone; then only the stage counts. This holds if this
-        drone is isolated, if a third drone hears the missing drone, and in a network component without circle 0 that misses two
+        ``cut_off``: this drone must not assume that it has landed; then only its last stage counts. This holds if this drone is
+        isolated, if a third drone hears the missing drone, and in a network component without circle 0 that misses two
         drones or more, which may hear each other. Otherwise a missing drone counts as landed once its failsafe course, or a
         separation line to it, has ended.
         """
