@@ -24,7 +24,7 @@ HostArgument = Annotated[str, typer.Argument(metavar="HOST", help="[USER@]ADDRES
 def install(
     host: HostArgument,
     fleet: Annotated[Path, typer.Option(metavar="FLEET.toml", help="The fleet file.")],
-    drone: Annotated[str, typer.Option(metavar="ID", help="Which drone it becomes.")],
+    drone: Annotated[str, typer.Option(metavar="ID", help="Id of the drone.")],
     pki: PkiOption = Path("pki"),
     key: KeyOption = None,
     online: Annotated[
@@ -68,7 +68,7 @@ def packages(
 
 def uninstall(
     host: HostArgument,
-    purge: Annotated[bool, typer.Option("--purge", help="Also flight records, state, and what it has measured.")] = False,
+    purge: Annotated[bool, typer.Option("--purge", help="Also flight records, state and measurements.")] = False,
     ssh: SshOption = None,
 ) -> None:
     """Remove from a computer what `install` has put there, keys included; records and state stay."""

@@ -72,7 +72,7 @@ def compare(
 def flash_disk(
     image: Annotated[Path, typer.Argument(metavar="IMAGE", help="Made by `radron-deploy image build`.")],
     disk: Annotated[Path, typer.Argument(metavar="/dev/DISK", help="The disk to erase; or a file of the size of one.")],
-    drone: Annotated[str, typer.Option(metavar="ID", help="Which drone it becomes.")],
+    drone: Annotated[str, typer.Option(metavar="ID", help="Id of the drone.")],
     fleet: Annotated[Path, typer.Option(metavar="FLEET.toml", help="The fleet file.")],
     pki: PkiOption = Path("pki"),
     key: KeyOption = None,

@@ -40,7 +40,7 @@ def init(
 @app.command()
 def issue(
     name: Annotated[str, typer.Argument(help="The member's name; a drone's id.")],
-    role: Annotated[Role, typer.Option(help="What the certificate entitles to.")],
+    role: Annotated[Role, typer.Option(help="Role of the member.")],
     days: Annotated[
         int | None,
         typer.Option(
@@ -83,7 +83,7 @@ def show(
     ] = None,
     pki: PkiOption = Path("pki"),
 ) -> None:
-    """Show what was issued, until when it is valid, and what was revoked."""
+    """List the issued certificates with their ends, and the revoked ones."""
     now_ns = time.time_ns()
     if member is not None:
         own = load_identity(member).own

@@ -34,7 +34,7 @@ T = TypeVar("T")
 @bundle_app.command("build")
 def build_bundle(
     signer: Annotated[Path, typer.Option(metavar="FOLDER", help="A certificate with the role release, and its key.")],
-    image: Annotated[Path, typer.Option(metavar="FILE", help="The image whose system it becomes.")] = Path("nuc.img"),
+    image: Annotated[Path, typer.Option(metavar="FILE", help="Image of the new system.")] = Path("nuc.img"),
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The bundle to make.", show_default="radron-VERSION.raucb")
     ] = None,
@@ -87,7 +87,7 @@ def push(
 
 
 def logs(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to; a folder for each computer is made in it.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Target folder; it gets a folder for each computer.")],
     hosts: HostsArgument = None,
     fleet: FleetOption = None,
     ssh: SshOption = None,
