@@ -54,6 +54,16 @@ def highest_circle_m(mission: MissionConfig) -> float:
     return mission.encirclement.height_m + ring_lift_m(mission, 1)
 
 
+def lowest_circle_m(mission: MissionConfig) -> float:
+    """Return the height (m) above the ground below which no drone's circle around a source lies."""
+    config = mission.encirclement
+    return max(_lowest_m(config, mission.area.floor_m), config.height_m * min(config.nearest_m / config.radius_m, 1.0))
+
+
+def _lowest_m(config: EncirclementConfig, floor_m: float) -> float:
+    return min(floor_m + _OVER_FLOOR_M, config.height_m)
+
+
 def second_height_m(mission: MissionConfig) -> float | None:
     """Return the height (m) above the ground for the second half of a turn around a source; None if one height suffices.
 
@@ -73,7 +83,7 @@ class Orbit:
     def __init__(self, config: EncirclementConfig, floor_m: float) -> None:
         """Start at the configured circle. ``floor_m``: least height above the ground."""
         self._config = config
-        self._lowest_m = min(floor_m + _OVER_FLOOR_M, config.height_m)
+        self._lowest_m = _lowest_m(config, floor_m)
         self._nearest_m = min(config.nearest_m, config.radius_m)
         self.radius_m, self.height_m = config.radius_m, config.height_m
         self._stamp_ns: int | None = None

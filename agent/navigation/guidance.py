@@ -87,7 +87,7 @@ class Guidance:
 
     def begin(self) -> None:
         """Begin guidance, or begin it anew in another local frame: forget all places in the former one."""
-        self._waits = self._stays = self._climbs_at = None
+        self._waits = self._stays = self._climbs_at = self._climbs_ns = None
         self._circling.begin()
         self._way.begin()
 
@@ -128,6 +128,7 @@ class Guidance:
         """
         self._absence, self._others, self.kept_places = absence, others, []
         above, self._climbs_at = self._climbs_at, None
+        begun_ns, self._climbs_ns = self._climbs_ns, None
         circles = centre is not None and moment.stage is not Stage.SURVEY
         self.has_room = self._circling.has_room(moment, centre, absence)
         if not moment.vehicle.position_trusted or moment.stage in BRAKING:  # braking by setpoints
@@ -143,14 +144,13 @@ class Guidance:
         if frame is not None:
             self._waits = None
         if moment.stage is Stage.RETURN:
-            return self._return(moment, state, deviation_m)
+            return self._return(moment, state, deviation_m, begun_ns)
         self._way.begin()
         if frame is None:
             return self._wait(moment, state, seen)
         searches = moment.stage is Stage.SURVEY or centre is None
         if searches and self._may_meet:
-            return self._search_above(moment, state, partners, frame, above)
-        self._climbs_ns = None
+            return self._search_above(moment, state, partners, frame, above, begun_ns)
         if searches or centre is None:
             return self._survey(moment, state, partners, frame)
         if self._holds:
@@ -247,24 +247,33 @@ class Guidance:
         return self._level(moment, over_x, y + _WAITING_RADIUS_M * (sin(self._freest_rad) - np.sin(turned)))
 
     def _search_above(
-        self, moment: Moment, state: PeerState, partners: Sequence[Neighbour], frame: LocalFrame, above: Vector3 | None
+        self,
+        moment: Moment,
+        state: PeerState,
+        partners: Sequence[Neighbour],
+        frame: LocalFrame,
+        above: Vector3 | None,
+        begun_ns: int | None,
     ) -> Reference:
         """Return a search in the own altitude layer, above all low flight, because missing drones may be anywhere below. First
         the drone climbs there on the spot, and waits until all drones that climb at the same time have passed its layer:
         separation may push a climbing drone sideways.
 
-        ``above``: place of the climb so far, local frame; None: it begins now, at the stopping point.
+        ``above``, ``begun_ns``: place (local frame) and begin of the climb so far; None: it begins now, at the stopping point.
         """
         is_there = abs(moment.vehicle.height_m - crossing_height_m(self._config, self._id)) < _AT_HEIGHT_M
-        if not self._are_climbing(moment) and is_there:
+        if not self._are_climbing(moment, begun_ns) and is_there:
             found = self._survey(moment, state, partners, frame)
             found.positions[:, 2] = self._over_z_m(moment)
             return found
         return self._hold_above(moment, state, above)
 
-    def _are_climbing(self, moment: Moment) -> bool:
-        """Whether missing drones that began to climb at the same time as this one may still pass its altitude layer."""
-        self._climbs_ns = moment.now_ns if self._climbs_ns is None else self._climbs_ns
+    def _are_climbing(self, moment: Moment, begun_ns: int | None) -> bool:
+        """Whether missing drones that began to climb at the same time as this one may still pass its altitude layer.
+
+        ``begun_ns``: stamp of the begin of the climb so far; None: it begins now.
+        """
+        self._climbs_ns = moment.now_ns if begun_ns is None else begun_ns
         return moment.now_ns - self._climbs_ns < self._climb_ns
 
     def _hold_above(self, moment: Moment, state: PeerState, above: Vector3 | None) -> Reference:
@@ -273,7 +282,7 @@ class Guidance:
         still = np.ones(HORIZON + 2)
         return self._level(moment, x * still, y * still, crossing_height_m(self._config, self._id))
 
-    def _return(self, moment: Moment, state: PeerState, deviation_m: float) -> Reference:
+    def _return(self, moment: Moment, state: PeerState, deviation_m: float, begun_ns: int | None) -> Reference:
         """Return the way home, around hovering vehicles and the homes of missing drones; a hold if home is not known.
 
         Speed and height are those of the search. While drones are missing, the way leads through the own altitude layer, above
@@ -283,8 +292,6 @@ class Guidance:
         home = self._home.in_local or (x, y, 0.0)
         unheard, height_m = self._absence is not None, moment.vehicle.height_m
         rest = comes_to_rest(state, self._config.limits)[:2]
-        if not unheard:
-            self._climbs_ns = None
         to, over_m = self._way.course(
             (x, y),
             rest,
@@ -292,7 +299,7 @@ class Guidance:
             home[:2],
             unheard=unheard,
             taken=self._home_is_taken,
-            are_climbing=unheard and self._are_climbing(moment),
+            are_climbing=unheard and self._are_climbing(moment, begun_ns),
         )
         way = np.array([(x, y), to])
         if (frame := self._own.frame) is not None:

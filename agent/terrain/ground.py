@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import hypot
 
 import numpy as np
 import shapely
@@ -63,6 +64,12 @@ class Ground:
             plane: Array = self._base + places @ np.array([self._east, self._north])
             return plane
         return self._grid.heights_m(places)
+
+    def highest_m(self, area: AreaConfig) -> float:
+        """Return the greatest height (m) of the ground in the area and inside its fence; of a grid, in all of it."""
+        if self._grid is not None:
+            return self._grid.highest_m
+        return float(self.heights_m(np.array(area.polygon_m)).max()) + area.fence_margin_m * hypot(self._east, self._north)
 
     def slope(self, x: float, y: float) -> tuple[float, float]:
         """Return the ground's slope at one position (m, mission frame): rise per metre east, and rise per metre north."""
@@ -129,6 +136,11 @@ class _Grid:
         _check_cover(name, matrix, origin, nodes, area)
         _check_slopes(name, nodes)
         return cls(_filled(name, nodes, area), matrix, origin)
+
+    @property
+    def highest_m(self) -> float:
+        """Height of the highest node."""
+        return float(self._heights.max())
 
     def heights_m(self, places: Array) -> Array:
         """Heights (N,) at positions (N, 2)."""

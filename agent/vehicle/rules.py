@@ -27,7 +27,7 @@ _EV_POSITION, _EV_YAW = 1, 8  # bits of EKF2_EV_CTRL
 _GPS_HEIGHT = 1  # of EKF2_HGT_REF
 _GRAVITY_MPS2 = 9.80665
 # Reactions to a lost agent, as the others expect them (``radron.agent.navigation.unheard.agentless``).
-_MIN_CLIMB_MPS, _RETURN_MPS, _MIN_DESCENT_MPS = 2.0, (3.0, 6.0), 0.5
+_CLIMB_MPS, _RETURN_MPS, _MIN_DESCENT_MPS = (2.0, 3.0), (3.0, 6.0), 0.5
 _MIN_BRAKING_MPS2, _MIN_BRAKING_MPS3 = 3.0, 4.0
 _MAX_LOW_RETURN_M = 12.0
 _MAX_DISARMING_S = 10.0
@@ -221,7 +221,7 @@ RULES = (
     Rule("RTL_MIN_DIST", _low_return, _always(10.0), _has_home),
     Rule(
         "MPC_Z_V_AUTO_UP",
-        _at_least(lambda _: _MIN_CLIMB_MPS, "m/s", "the other drones expect it to leave the place of a failsafe soon"),
+        _within(*_CLIMB_MPS, "m/s", "the other drones expect it to leave the place of a failsafe soon, and no sooner"),
         _always(3.0),
         _has_home,
     ),

@@ -1,7 +1,7 @@
 """Drones that are not heard or steered any more, while the others fly on: cut off by the radio, without an agent, taken over.
 
-Separation is the true one, in space: altitude layers part crossing drones in height. Under faults 2.5 m are kept, else 3 m.
-Mostly the hypothesis is given: then the flight is cheap.
+Separation is the true one, of drones less than 3 m apart in height: altitude layers part crossing drones. Under faults 2.5 m are
+kept, else 3 m. Mostly the hypothesis is given: then the flight is cheap.
 """
 
 from itertools import combinations
@@ -21,15 +21,19 @@ LEAST_M = 2.5
 TWO_SIDES = (("d1 d2", "d3"), ("d1", "d2 d3"), ("d1", "d2", "d3"))
 
 
+LAYER_M = 3.0  # of height between two vehicles that may cross
+
+
 class Closest:
-    """Watches a flight: the least distance in space of two vehicles in the air, as the campaigns measure it."""
+    """Watches a flight: the least horizontal distance of two vehicles in the air less than 3 m apart in height."""
 
     def __init__(self):
         self.least_m = np.inf
 
     def __call__(self, moment):
         for one, other in combinations(moment.position_m[moment.position_m[:, 2] > OFF_GROUND_M], 2):
-            self.least_m = min(self.least_m, float(np.linalg.norm(one - other)))
+            if abs(one[2] - other[2]) < LAYER_M:
+                self.least_m = min(self.least_m, float(np.hypot(*(one - other)[:2])))
         return False
 
 

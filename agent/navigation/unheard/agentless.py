@@ -17,6 +17,8 @@ from radron.agent.config.mission import MissionConfig
 from radron.agent.geometry import Array, Point2, Vector3
 from radron.agent.localization.continuity import ONWARD_S
 from radron.agent.motion.reference import PeerState
+from radron.agent.navigation.unheard.crossing import crossing_height_m
+from radron.agent.terrain.ground import Ground
 from radron.protocol.messages import Pose, Stage
 from radron.protocol.stages import DESCENDING, STEERED
 
@@ -26,9 +28,12 @@ from radron.protocol.stages import DESCENDING, STEERED
 _GOES_ON_S, _STOPPED_S = 1.0, 3.5
 _CLIMB_MPS, _DESCENT_MPS, _DOWN_S = 1.5, 0.5, 10.0
 _SLOWEST_MPS, _FASTEST_MPS = 3.0, 6.0
-# Earliest departure after a rise of more than a metre. Earlier than all three measured ones, and than the departure of a drone
-# that its agent brings home, which waits in its altitude layer first (``crossing.climb_s``).
-_STOPS_S, _FASTEST_CLIMB_MPS, _RISE_M = 2.5, 2.2, 1.0
+# Earliest departure after a rise of more than a metre: after the stop, and a climb whose mean rate grows with the rise, up to
+# 3 m/s (greatest MPC_Z_V_AUTO_UP). Earlier than all measured ones, and than the departure of a drone that its agent brings home,
+# which waits in its altitude layer first (``crossing.climb_s``).
+_STOPS_S, _RISE_M = 2.5, 1.0
+_MEAN_CLIMB_MPS, _FASTEST_CLIMB_MPS, _CLIMB_ENDS_S = 2.2, 3.0, 1.5
+_CLIMBS_MPS = 0.5  # a vehicle that rises faster climbs already
 # Least and greatest stopping distance, in seconds of flight at the last velocity (``ONWARD_S`` is between them); greatest one of
 # a failsafe hold.
 _NEAREST_S, _FARTHEST_S, _HOLD_S = 0.5, 2.0, 2.3
@@ -63,7 +68,8 @@ class Course(Struct, frozen=True):
     stop: stretch on which the vehicle comes to rest, and stays.
     leaves_s: latest time of its departure from there, or of its landing there; infinite: it holds there for good.
     way: from the stop to home; None: no return. With None, the fields below mean nothing.
-    cruise_m: height of the return, m, in the mission frame.
+    cruise_m: least height of the return, m, in the mission frame; top_m: greatest one.
+    fastest_mps: greatest speed of the return.
     departs_s: earliest departure. home_from_s: earliest arrival over home. arrives_s: latest arrival over home.
     down_s: latest end of the landing at home.
     goes_on_m: least distance from the last pose to the place of rest.
@@ -73,6 +79,8 @@ class Course(Struct, frozen=True):
     leaves_s: float
     way: tuple[Point2, Point2] | None = None
     cruise_m: float = 0.0
+    top_m: float = 0.0
+    fastest_mps: float = _FASTEST_MPS
     departs_s: float = 0.0
     home_from_s: float = 0.0
     arrives_s: float = inf
@@ -85,7 +93,7 @@ class Course(Struct, frozen=True):
         ``times``: (K,), ascending from now on. A vehicle on its way home above ``below_m``, or at ``above_m`` or lower, is left
         out: it passes over or under this drone (heights in m at each time). Empty once the vehicle must have landed.
         """
-        leaves_s, is_under = self._leaves_s(float(np.max(below_m))), np.broadcast_to(above_m, times.shape) < self.cruise_m
+        leaves_s, is_under = self._leaves_s(float(np.max(below_m))), np.broadcast_to(above_m, times.shape) < self.top_m
         is_met = self.way is None or bool(is_under.any())
         found = [self.stops(times)] if times[0] < leaves_s and is_met else []
         if self.way is None or times[0] >= self.down_s:
@@ -95,7 +103,7 @@ class Course(Struct, frozen=True):
         meets = is_under & (times >= self.departs_s) & ((self.cruise_m <= below_m) | (way_m <= _LOWER_M))
         if not meets.any():
             return [*found, Stretch(home, home)] if self.is_over_home(times, above_m) else found
-        front = np.clip(_FASTEST_MPS * (np.minimum(times, times[meets][-1]) - self.departs_s), 0.0, way_m)
+        front = np.clip(self.fastest_mps * (np.minimum(times, times[meets][-1]) - self.departs_s), 0.0, way_m)
         back = np.minimum(np.clip(_SLOWEST_MPS * (times - leaves_s), 0.0, way_m), front)
         return [*found, Stretch(start, home, back, front)]
 
@@ -103,7 +111,7 @@ class Course(Struct, frozen=True):
         """Whether the vehicle may be over its home, or in descent there, at one of these times; ``above_m``: as for
         ``stretches``.
         """
-        return bool(((times >= self.home_from_s) & (np.asarray(above_m) < self.cruise_m)).any())
+        return bool(((times >= self.home_from_s) & (np.asarray(above_m) < self.top_m)).any())
 
     @property
     def hovers(self) -> list[Point2]:
@@ -148,8 +156,13 @@ class Agentless:
         self._launch: dict[str, Vector3] = {member.id: member.origin_m for member in mission.drones}
         self._homeless = {member.id for member in mission.drones if member.localization == "slam"}
         self._return_m = {member.id: height for member, height in zip(mission.drones, mission.return_heights_m, strict=True)}
+        self._layer_m = {member.id: crossing_height_m(mission, member.id) for member in mission.drones}
+        self._ground = Ground.from_config(mission)
+        self._highest_ground_m = self._ground.highest_m(mission.area)
         self._corners = mission.area.polygon_m
-        self._fastest_mps = max(mission.limits.speed_mps, _FASTEST_MPS)
+        self._climb_mps = mission.limits.climb_mps
+        self._returns_mps = max(mission.survey.speed_mps, _FASTEST_MPS)
+        self._fastest_mps = max(mission.limits.speed_mps, self._returns_mps)
 
     def course(self, name: str, moves: PeerState, stage: Stage, home: Vector3, *, steered: bool = False) -> Course:
         """Return the failsafe course of a vehicle from the loss of its agent on.
@@ -161,10 +174,10 @@ class Agentless:
         reaction = self._reaction(name, stage)
         goes_on_m = _NEAREST_S * hypot(u, v) if steered and stage in STEERED else 0.0
         if reaction == "hold":
-            return Course(_stop(moves, _HOLD_S if self._agent_lost == "hold" else _FARTHEST_S), inf, goes_on_m=goes_on_m)
+            return Course(_stop(moves, _HOLD_S if self._without_agent(name) == "hold" else _FARTHEST_S), inf, goes_on_m=goes_on_m)
         if reaction == "land":
             return Course(_stop(moves), _STOPPED_S + _DOWN_S + max(z, 0.0) / _DESCENT_MPS, goes_on_m=goes_on_m)
-        return self.return_of(name, moves, home, goes_on_m)
+        return self.return_of(name, moves, home, goes_on_m, steered=steered)
 
     @staticmethod
     def blind_hold(moves: PeerState) -> Course:
@@ -175,23 +188,46 @@ class Agentless:
         ahead_s = _GOES_ON_S + hypot(u, v) / _BRAKES_MPS2 + _BRAKES_LATE_S
         return Course(Stretch((x, y), (x + ahead_s * u, y + ahead_s * v)), inf)
 
-    def return_of(self, name: str, moves: PeerState, home: Vector3, goes_on_m: float = 0.0) -> Course:
+    def return_of(self, name: str, moves: PeerState, home: Vector3, goes_on_m: float = 0.0, *, steered: bool = False) -> Course:
         """Return the course of a vehicle that returns: it stops, climbs on the spot, flies across to home and lands.
 
         The autopilot flies it, or the agent if the autopilot has no home. ``moves``: position and velocity at the start, mission
-        frame; ``goes_on_m``: as in ``Course``.
+        frame; ``goes_on_m``: as in ``Course``; ``steered``: by its agent at the start. Otherwise it may have stopped already.
         """
-        (x, y, z), (u, v, _) = moves.position, moves.velocity
+        (x, y, z), (u, v, up_mps) = moves.position, moves.velocity
         home_x, home_y, home_z = home
         cruise_m = max(z, home_z + self._return_m[name])
         leaves_s = _STOPPED_S + (cruise_m - z) / _CLIMB_MPS
         way = (x + ONWARD_S * u, y + ONWARD_S * v), (home_x, home_y)
         rises = dist(*way) > _LOWER_M and cruise_m - z > _RISE_M
-        departs_s = _STOPS_S + (cruise_m - z) / _FASTEST_CLIMB_MPS if rises else _GOES_ON_S
+        stops_s = _STOPS_S if steered and up_mps <= _CLIMBS_MPS else 0.0
+        departs_s = stops_s + self._least_climb_s(cruise_m - z) if rises else _GOES_ON_S
         home_from_s = departs_s + dist(*way) / self._fastest_mps
         arrives_s = leaves_s + dist(*way) / _SLOWEST_MPS
         down_s = arrives_s + (cruise_m - home_z) / _DESCENT_MPS + _DOWN_S
-        return Course(_stop(moves), leaves_s, way, cruise_m, departs_s, home_from_s, arrives_s, down_s, goes_on_m)
+        return Course(
+            stop=_stop(moves),
+            leaves_s=leaves_s,
+            way=way,
+            cruise_m=cruise_m,
+            top_m=max(cruise_m, self._highest_m(name, home)),
+            fastest_mps=self._returns_mps,
+            departs_s=departs_s,
+            home_from_s=home_from_s,
+            arrives_s=arrives_s,
+            down_s=down_s,
+            goes_on_m=goes_on_m,
+        )
+
+    def _least_climb_s(self, rise_m: float) -> float:
+        """Return the least time (s) of a climb, by the autopilot or the agent, after the stop."""
+        mean_mps, fastest_mps = max(_MEAN_CLIMB_MPS, self._climb_mps), max(_FASTEST_CLIMB_MPS, self._climb_mps)
+        return min(rise_m / mean_mps, _CLIMB_ENDS_S + rise_m / fastest_mps)
+
+    def _highest_m(self, name: str, home: Vector3) -> float:
+        """Return the greatest height (m, mission frame) of a return by the agent: its altitude layer above the ground below."""
+        x, y, z = home
+        return z + self._layer_m[name] + max(0.0, self._highest_ground_m - self._ground.height_m(x, y))
 
     def longest_s(self, name: str) -> float:
         """Return the longest time (s) from the start of an unhindered return, anywhere in the area, to its landing."""
@@ -207,6 +243,10 @@ class Agentless:
             return "land"
         if stage not in STEERED:
             return "hold"
+        return self._without_agent(name)
+
+    def _without_agent(self, name: str) -> str:
+        """Return what the autopilot of this drone does if setpoints stop: it cannot return without a home."""
         return "hold" if name in self._homeless else self._agent_lost
 
     def has_home(self, name: str) -> bool:

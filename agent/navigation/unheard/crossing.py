@@ -12,7 +12,7 @@ from math import dist
 
 from radron.agent.config.mission import MissionConfig
 from radron.agent.geometry import Point2
-from radron.agent.motion.orbit import highest_circle_m
+from radron.agent.motion.orbit import highest_circle_m, lowest_circle_m
 
 _NEAR_M = 1.0  # tolerance for arrival at a height or on a circle
 # Home is reached when position and stopping point are both within the first distance of it; left beyond the second one
@@ -56,7 +56,13 @@ def climb_s(mission: MissionConfig, drone: str) -> float:
     """
     layers_m = [crossing_height_m(mission, member.id) for member in mission.drones]
     passed_m = min(crossing_height_m(mission, drone) + mission.limits.separation_m + _NEAR_M, max(layers_m))
-    return max(0.0, passed_m - mission.survey.height_m) / mission.limits.climb_mps + _CLIMBS_LATE_S
+    return max(0.0, passed_m - _lowest_m(mission)) / mission.limits.climb_mps + _CLIMBS_LATE_S
+
+
+def _lowest_m(mission: MissionConfig) -> float:
+    """Return the least height (m) above the ground of a search or a circle, from which a climb may begin."""
+    survey = mission.survey
+    return min(survey.height_m, survey.low_height_m or survey.height_m, lowest_circle_m(mission))
 
 
 class Crossing:

@@ -212,7 +212,9 @@ class Silent:
         found = [] if wall is None or me.height_m > self._is_over_m else [me.beyond(name, wall, sigma_m)]
         last, home = self._last_seen(name, pose.stamp_ns, me.epoch), self._agentless.home(name, pose)
         moves = None if last is None else me.in_mission(last.moves)
-        returns = [self._agentless.return_of(name, moves or motion_of(pose, frame), home) for frame in frames]
+        steered = pose.steered and moves is None
+        begins = [moves or motion_of(pose, frame) for frame in frames]
+        returns = [self._agentless.return_of(name, begin, home, steered=steered) for begin in begins]
         since_ns = pose.stamp_ns if last is None else last.stamp_ns
         found += self._homes.coming_down(name, home, me, [(since_ns, course) for course in returns])
         courses = possible_courses(self._agentless, name, peer, pose, frames, moves, excluded=name in me.excluded)

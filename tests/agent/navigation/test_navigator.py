@@ -17,7 +17,7 @@ from radron.agent.navigation.myself import Self
 from radron.agent.navigation.navigator import Navigator
 from radron.agent.navigation.peers.newest import Peers
 from radron.agent.navigation.surveying import InformedSearch, Prospect, Search
-from radron.agent.navigation.unheard.crossing import crossing_height_m
+from radron.agent.navigation.unheard.crossing import climb_s, crossing_height_m
 from radron.agent.vehicle.interface import FlightMode
 from radron.protocol.messages import Plan, Pose, Stage, Status
 from support.flights.one_navigator import AT_ONCE, MISSION, PLACE, flown, hypothesis, made, nobody
@@ -138,7 +138,7 @@ def test_the_rest_of_a_takeoff_goes_straight_up_whatever_is_known_of_the_source(
     assert places[-1, 2] == pytest.approx(MISSION.survey.height_m, abs=0.05)
 
 
-@pytest.mark.parametrize(("missing", "again_s"), [(True, 99.0), (True, 9.0), (False, 99.0)], ids=["gone", "again", "landed"])
+@pytest.mark.parametrize(("missing", "again_s"), [(True, 99.0), (True, 10.0), (False, 99.0)], ids=["gone", "again", "landed"])
 def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
     """The other one may be on its way home too, and hears as little of this one; or is heard again when this one is over it."""
     peers = Peers(["d2"])
@@ -159,6 +159,22 @@ def test_who_misses_another_drone_comes_home_in_its_own_layer(missing, again_s):
     assert len(across) > 50
     assert across[:, 2] == pytest.approx(np.full(len(across), layer_m), abs=1.1)
     assert places[-1] == pytest.approx((10.0, 25.0, MISSION.survey.height_m), abs=0.3)
+
+
+def test_a_climb_begun_anew_after_a_hold_waits_anew_for_the_climbs_of_others():
+    """A drone whose way home was held crossed at once: the wait counted from the first climb."""
+    peers, again_s, place = Peers(["d2"]), 25.0, {"position_m": (40.0, 40.0, 3.0), "velocity_mps": (0.0, 0.0, 0.0)}
+    told = {"quaternion": (1.0, 0.0, 0.0, 0.0), "position_sigma_m": 0.1, "yaw_sigma_rad": 0.01, "stage": Stage.TRACK}
+    assert peers.receive(Pose(stamp_ns=START_NS, drone="d2", epoch=0, **place, **told), START_NS) is None
+
+    def stage(now_ns: int) -> Stage:
+        return Stage.HOLD if 3.0 < (now_ns - START_NS) / SECOND < again_s else Stage.RETURN
+
+    places = flown(lambda _: None, again_s + 20.0, stage=stage, peers=peers, home_m=(10.0, 25.0, 0.0))
+    after = places[round(again_s * SECOND / TICK_NS) :]
+    left_s = np.flatnonzero(np.hypot(*(after - after[0])[:, :2].T) > 1.0)[0] * TICK_NS / SECOND
+    wait_s = climb_s(MISSION, "d1")
+    assert wait_s - 1.0 < left_s < wait_s + 3.0
 
 
 def test_who_misses_others_comes_home_around_theirs_in_a_row_before_its_own():

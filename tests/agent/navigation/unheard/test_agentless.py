@@ -5,7 +5,16 @@ from math import inf
 import numpy as np
 import pytest
 
-from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig, SafetyConfig
+from radron.agent.config.mission import (
+    AreaConfig,
+    DroneInMission,
+    EncirclementConfig,
+    GroundConfig,
+    LimitsConfig,
+    MissionConfig,
+    SafetyConfig,
+)
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.motion.reference import PeerState
 from radron.agent.navigation.unheard.agentless import Agentless
 from radron.protocol.messages import Stage
@@ -74,11 +83,67 @@ def test_it_goes_on_at_first_where_it_flew_by_setpoints(stage, steered, least_m)
     assert stop.nearest(-behind)[:, 1] == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize(("rise_m", "measured_s"), [(2.0, 4.2), (10.0, 8.4), (20.0, 12.0)])
+@pytest.mark.parametrize(("rise_m", "measured_s"), [(2.0, 4.2), (10.0, 8.4), (20.0, 12.0), (27.0, 13.8), (51.0, 21.8)])
 def test_it_departs_no_earlier_than_a_climb_allows_and_no_later_than_a_slow_one(rise_m, measured_s):
-    """Departures of a real PX4. Ways home that began after a second had pushed climbing drones together: 1.3 m."""
+    """Departures of a real PX4, from 27 m on of the emulated one. Ways home that began after a second had pushed climbing drones
+    together: 1.3 m.
+    """
     flown = course(place=(30.0, 0.0, 14.0 - rise_m))
     assert flown.departs_s < measured_s < flown.leaves_s
+
+
+def test_a_climb_in_progress_or_without_the_agent_has_no_stop_before_it():
+    """A pose 4 m below the height of return: 2.5 s late if the stop is counted once more."""
+    below = (30.0, 0.0, 10.0)
+    assert course(place=below, velocity=(0.0, 0.0, 0.4)).departs_s == pytest.approx(2.5 + 4.0 / 2.2)
+    assert course(place=below, velocity=(0.0, 0.0, 2.0)).departs_s == pytest.approx(4.0 / 2.2)
+    assert course(place=below, steered=False).departs_s == pytest.approx(4.0 / 2.2)
+
+
+def returning(name="b", place=(30.0, 0.0, 2.0), **sections):
+    """The course of a drone in a mission with these sections; launch places and heights as in ``course``."""
+    area = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)), ceiling_m=40.0, fence_margin_m=10.0)
+    drones = DroneInMission(id="a"), DroneInMission(id="b", origin_m=HOME)
+    mission = MissionConfig(name="test", area=area, drones=drones, **sections)
+    return flown_by(Agentless(mission), name, place=place, velocity=(0.0, 0.0, 0.0))
+
+
+def test_an_agent_that_climbs_and_flies_faster_is_on_its_way_sooner():
+    flown = returning(limits=LimitsConfig(climb_mps=4.0, speed_mps=12.0), survey=SurveyConfig(speed_mps=9.0))
+    assert flown.departs_s == pytest.approx(2.5 + 12.0 / 4.0)
+    _, way = flown.stretches(flown.departs_s + np.array([0.0, 1.0, 2.0]), below_m=20.0)
+    assert way.front == pytest.approx((0.0, 9.0, 18.0))
+    assert flown.home_from_s == pytest.approx(flown.departs_s + 30.0 / 12.0)
+
+
+@pytest.mark.parametrize(
+    ("sections", "top_m"),
+    [
+        ({}, 14.0),
+        ({"encirclement": EncirclementConfig(height_m=8.0)}, 19.0),  # both layers 5 m higher, to be above the circles
+        ({"ground": GroundConfig(slope=(0.1, 0.0))}, 20.0),  # the fence is 60 m east of home
+        ({"ground": GroundConfig(slope=(-0.1, 0.0))}, 15.0),  # the fence is 10 m west of home
+    ],
+)
+def test_its_agent_may_bring_it_home_higher_than_the_autopilot_would(sections, top_m):
+    """In its altitude layer above the ground below it. Only a drone that flies by the separation above passes over it."""
+    flown = returning(**sections)
+    assert flown.cruise_m == 14.0
+    times = NOW + flown.leaves_s
+    assert flown.stretches(times, below_m=30.0, above_m=top_m) == []
+    assert flown.stretches(times, below_m=30.0, above_m=top_m - 0.1) != []
+    late = NOW + flown.home_from_s
+    assert not flown.is_over_home(late, above_m=top_m)
+    assert flown.is_over_home(late, above_m=top_m - 0.1)
+
+
+def test_a_drone_without_a_home_holds_whatever_the_mission_says():
+    """With SLAM alone the autopilot cannot return; its stop is that of a hold, 2.3 s of its velocity."""
+    area = AreaConfig(polygon_m=((0.0, 0.0), (50.0, 0.0), (50.0, 50.0)))
+    mission = MissionConfig(name="test", area=area, drones=(DroneInMission(id="a", localization="slam"),))
+    flown = flown_by(Agentless(mission), "a")
+    assert flown.leaves_s == inf
+    assert flown.stop.end == pytest.approx((30.0, 4.6))
 
 
 def test_where_it_is_at_once_it_may_depart_at_once():

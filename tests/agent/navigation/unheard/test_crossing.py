@@ -5,6 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from radron.agent.config.mission import DroneInMission, EncirclementConfig, SafetyConfig
+from radron.agent.config.survey import SurveyConfig
 from radron.agent.motion.orbit import ring_lift_m
 from radron.agent.navigation.unheard.crossing import Crossing, WayHome, climb_s, crossing_height_m, is_over_m
 from support.flights.one_pilot import MISSION
@@ -92,8 +93,25 @@ def test_it_stays_where_it_climbs_until_all_that_climb_have_passed_its_layer():
     assert way.course((30.0, 1.0), (30.0, 1.0), 16.0, (0.0, 0.0), unheard=True) == ((0.0, 0.0), OVER_M)
     assert not way.climbs
     above_m = crossing_height_m(THREE, "d1") + THREE.limits.separation_m
-    assert THREE.survey.height_m + THREE.limits.climb_mps * (climb_s(THREE, "d1") - 2.0) > above_m
+    lowest_m = 2.3  # of a circle: the least height of the area, and a reserve
+    assert lowest_m + THREE.limits.climb_mps * (climb_s(THREE, "d1") - 2.0) > above_m
     assert climb_s(THREE, "d2") == climb_s(THREE, "d3")  # nobody passes the highest layer
+
+
+@pytest.mark.parametrize(
+    ("changes", "lowest_m"),
+    [
+        ({}, 2.3),
+        ({"survey": SurveyConfig(height_m=2.0)}, 2.0),
+        ({"survey": SurveyConfig(strategy="map", height_m=8.0, low_height_m=2.0)}, 2.0),
+        ({"encirclement": EncirclementConfig(height_m=8.0), "survey": SurveyConfig(height_m=5.0)}, 4.0),  # half as wide: 4 m
+    ],
+)
+def test_the_longest_climb_begins_where_the_lowest_flight_is(changes, lowest_m):
+    """Circles around a well-known source are lower than the search."""
+    mission = replace(THREE, **changes)
+    highest_m = crossing_height_m(mission, "d3")
+    assert climb_s(mission, "d3") == pytest.approx(2.0 + (highest_m - lowest_m) / 2.0)
 
 
 def test_one_that_leaves_home_fast_when_it_is_told_to_return_climbs_where_it_comes_to_rest():

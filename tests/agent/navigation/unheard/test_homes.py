@@ -27,7 +27,7 @@ def is_kept(silent_s: float, height_m: float, climb_mps: float = 0.0, me: str = 
     heights_m = height_m + climb_mps * STEP_S * np.arange(21.0)
     ahead = np.column_stack((np.tile(HOME[:2], (21, 1)), heights_m))
     viewer = Viewer(round(silent_s * 1e9), 0, STEP_S, Transform(), lambda: ahead, lambda _: None, None, height_m, silent_s)
-    returns = Agentless(MISSION).return_of("d2", PeerState(place), HOME)
+    returns = Agentless(MISSION).return_of("d2", PeerState(place), HOME, steered=True)
     homes = Homes(MISSION, me, {"d2": PeerBelief()})
     return bool(homes.coming_down("d2", HOME, viewer, [(0, returns)])) and len(homes.kept) == 1
 

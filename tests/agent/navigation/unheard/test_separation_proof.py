@@ -333,4 +333,4 @@ def test_times_and_ways_to_a_stop():
     leaves = [Agentless(three).course(name, fast, Stage.SURVEY, (0.0, 0.0, 0.0)).leaves_s for name in ("d1", "d2", "d3")]
     assert leaves == pytest.approx([8.2, 10.8, 13.5], abs=0.05)
     assert three.return_heights_m == (10.0, 14.0, 18.0)
-    assert [climb_s(three, one.id) for one in three.drones] == pytest.approx([7.5, 9.5, 9.5])
+    assert [climb_s(three, one.id) for one in three.drones] == pytest.approx([7.85, 9.85, 9.85])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from msgspec.structs import replace
 
@@ -56,14 +58,14 @@ def flown(
     believed,
     seconds: float = 40.0,
     mission: MissionConfig = MISSION,
-    stage: Stage = Stage.TRACK,
+    stage: Stage | Callable[[int], Stage] = Stage.TRACK,
     height_m: float = 3.0,
     peers: Peers | None = None,
     home_m=None,
 ):
     """Places (T, 3) in the mission frame of a vehicle that follows its setpoints exactly.
 
-    believed: the hypothesis by the time. home_m: mission frame.
+    believed: the hypothesis by the time. stage: one, or by the time. home_m: mission frame.
     """
     navigator, own, frames = made(mission)
     if home_m is not None:
@@ -74,7 +76,8 @@ def flown(
     for tick in range(round(seconds * SECOND / TICK_NS)):
         now_ns = START_NS + tick * TICK_NS
         vehicle = own.take(replace(state(now_ns, FlightMode.OFFBOARD, position), velocity_mps=velocity))
-        setpoint, _ = navigator.step(Moment(now_ns, stage, START_NS, vehicle, believed(now_ns)), peers or Peers([]))
+        present = stage(now_ns) if callable(stage) else stage
+        setpoint, _ = navigator.step(Moment(now_ns, present, START_NS, vehicle, believed(now_ns)), peers or Peers([]))
         position, velocity = setpoint.position_m, setpoint.velocity_mps
         places.append(mission_from_local.apply_point(position))
     return np.array(places)
