@@ -22,7 +22,7 @@ from radron.agent.config.mission import GroundConfig
 from radron.agent.frames.transform import Transform
 from radron.agent.fusion.bayes.response import response_of
 from radron.agent.fusion.field.analysis import Analysed, Analysis
-from radron.agent.fusion.field.grid import Grid
+from radron.agent.fusion.field.grid import MARGIN_M, Grid
 from radron.agent.fusion.field.kernel import MiniPix
 from radron.agent.fusion.field.sums import Sums, rows_of
 from radron.agent.fusion.observation import CountObservation
@@ -54,8 +54,9 @@ def way(drone: int, height_m: float) -> Array:
 
 
 def ground_of(pattern: str, level: float) -> tuple[Array, Array]:
-    """Points (N, 2) of the area, and their activity per area (N,)."""
-    line = np.arange(POINT_M / 2.0, SIDE_M, POINT_M)
+    """Points (N, 2) of the area, and their activity per area (N,). Uniform ground goes on for 10 m beyond the area."""
+    margin_m = MARGIN_M if pattern == "uniform" else 0.0
+    line = np.arange(POINT_M / 2.0 - margin_m, SIDE_M + margin_m, POINT_M)
     x, y = (part.ravel() for part in np.meshgrid(line, line))
     return np.stack((x, y), axis=1), level * PATTERNS[pattern](x, y)
 
@@ -74,12 +75,14 @@ def survey(points: Array, level: Array, height_m: float, rng: np.random.Generato
             counts, identity = np.array([partial + full, full, 0.0]), EntryId("", end_ns, f"d{drone}", "", number)
             at = tuple((place + bias).tolist())
             seen.append(CountObservation(end_ns, end_ns, at, STEP_S, counts, 0.2, 0.02, Transform(), identity, 0))
-        rows = rows.plus(rows_of(seen, numbers, lambda one: one.position[2], camera.counted, 0))
+        rows = rows.plus(rows_of(seen, numbers, lambda one: one.position[2], camera.counted))
     return rows
 
 
 def judged(found: Analysed, points: Array, level: Array) -> str:
     """Errors of a fit as text."""
+    inside = ((points > 0.0) & (points < SIDE_M)).all(axis=1)
+    points, level = points[inside], level[inside]
     report, total = found.contamination, float(level.sum()) * POINT_M**2
     block = (points[:, 1] // BLOCK_M * report.across + points[:, 0] // BLOCK_M).astype(int)
     true = np.bincount(block, level) / np.bincount(block)

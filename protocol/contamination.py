@@ -69,3 +69,12 @@ class Contamination(Struct, frozen=True, kw_only=True):
     highest_m: Position
     dose_svph: Range
     dose_m: Position
+
+    def flaw(self) -> str | None:
+        """Return an error text if blocks do not fill their rows, or quantiles do not ascend; else None."""
+        if len(self.blocks) % self.across:
+            return f"its {len(self.blocks)} blocks are no whole rows of {self.across}"
+        ranges: tuple[Range | Block, ...] = (self.total_bq, self.highest_bqm2, self.dose_svph, *self.blocks)
+        if not all(one.low <= one.median <= one.high for one in ranges):
+            return "a median is not between the quantiles of 5 % and 95 %"
+        return None

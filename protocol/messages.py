@@ -206,13 +206,13 @@ class Estimate(DroneMessage, frozen=True, kw_only=True):
     contamination: Contamination | UnsetType = UNSET
 
     def flaw(self) -> str | None:
-        """Return an error text if the covariance of a source's position is not valid; else None."""
+        """Return an error text if the covariance of a source's position, or the map is not valid; else None."""
         for source in self.sources:
             xx, xy, xz, yy, yz, zz = source.covariance_m2
             flaw = flaw_of_covariance([(xx, xy, xz), (xy, yy, yz), (xz, yz, zz)])
             if flaw is not None:
                 return flaw
-        return None
+        return None if self.contamination is UNSET else self.contamination.flaw()
 
 
 class Recognised(Struct, frozen=True, array_like=True):

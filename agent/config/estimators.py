@@ -74,13 +74,8 @@ class SourcesEstimatorConfig(Section, frozen=True, kw_only=True):
 
 
 class FieldEstimatorConfig(Section, frozen=True, kw_only=True):
-    """Parameters of estimator ``field``, which maps contaminated ground.
+    """Parameters of estimator ``field``, which maps contaminated ground."""
 
-    ``reference_s``: for so long after the mission's start the drones hover over clean ground; those counts measure the background
-    alone.
-    """
-
-    reference_s: NonNegative = 0.0
     background_sigma: Positive = 0.3  # of the logarithm of the ratio between actual and expected background
     gain_sigma: Positive = 0.05  # relative sensitivity of a camera, 1 sigma
 

@@ -37,11 +37,13 @@ def check_sizes(mission: MissionConfig, where: str) -> None:
     area = mission.area
     if area.floor_m >= area.ceiling_m:
         raise ConfigError(f"{where}: area.floor_m must be below area.ceiling_m")
-    for name, height in (("survey", mission.survey.height_m), ("encirclement", mission.encirclement.height_m)):
+    heights = {"survey.height_m": mission.survey.height_m, "encirclement.height_m": mission.encirclement.height_m}
+    if mission.survey.low_height_m is not None:
+        heights["survey.low_height_m"] = mission.survey.low_height_m
+    for key, height in heights.items():
         if not area.floor_m <= height <= area.ceiling_m:
             raise ConfigError(
-                f"{where}: {name}.height_m = {height:g} is outside area.floor_m .. area.ceiling_m "
-                f"({area.floor_m:g} .. {area.ceiling_m:g})"
+                f"{where}: {key} = {height:g} is outside area.floor_m .. area.ceiling_m ({area.floor_m:g} .. {area.ceiling_m:g})"
             )
 
 

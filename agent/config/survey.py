@@ -20,7 +20,8 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
 
     ``map`` flies lanes for a map of contaminated ground, and tracks no source; afterwards, with ``low_height_m``, lower and
     closer lanes over the blocks above half of the highest one. It ends after ``duration_s``, or once the relative uncertainty of
-    these blocks (half of the 90 % interval, their median) is ``block_uncertainty`` or less; without both, after the last lane.
+    these blocks (half of the 90 % interval, their median) is ``block_uncertainty`` or less, which needs ``duration_s``, too;
+    without both, after the last lane.
 
     The search ends without a result once every source of ``least_activity_bq`` or more is excluded (none: never), or after
     ``duration_s`` (none: no limit). ``then`` the swarm returns, or continues to search. With an estimator of several sources the
@@ -55,3 +56,7 @@ class SurveyConfig(Section, frozen=True, kw_only=True):
             )
         if self.low_height_m is not None and self.low_height_m >= self.height_m:
             raise ConfigError(f"{where}: survey.low_height_m = {self.low_height_m:g} is not below survey.height_m")
+        if self.block_uncertainty is not None and self.duration_s is None:
+            raise ConfigError(
+                f"{where}: survey.block_uncertainty needs survey.duration_s, too: over clean ground there are no blocks to know"
+            )

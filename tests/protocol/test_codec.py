@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radron.protocol.codec import MAX_ENTRY_BYTES, MAX_PAYLOAD_BYTES, decode, decode_as, decode_from, encode
+from radron.protocol.contamination import Block, Contamination, Finding, Range
 from radron.protocol.entries import Cone, ConeOrder, Counts, Coverage, Credential, Exposure, PoseSample, Retraction, Sighting
 from radron.protocol.errors import ProtocolError
 from radron.protocol.keys import command_key, drone_key, key_of
@@ -300,6 +301,29 @@ def sources(*covariance_m2: float) -> tuple[Source, ...]:
 
 
 ESTIMATE = Estimate(**SENDER, mission=HEX, estimator="paper", digest=HEX * 2, sources=sources(4.0, 2.0, 0.0, 1.0, 0.0, 0.0))
+MAP = Contamination(
+    nuclide="Cs-137",
+    finding=Finding.AREA,
+    evidences={},
+    total_bq=Range(4e8, 3e8, 5e8),
+    least_bqm2=1e4,
+    corner_m=(0.0, 0.0),
+    block_m=10.0,
+    across=2,
+    unit_bqm2=200.0,
+    blocks=(Block(0, 0, 1), Block(1, 0, 2), Block(2, 1, 3), Block(3, 2, 4)),
+    highest_bqm2=Range(600.0, 400.0, 800.0),
+    highest_m=(15.0, 15.0, 0.0),
+    dose_svph=Range(0.0, 0.0, 0.0),
+    dose_m=(15.0, 15.0, 0.0),
+)
+MAPPED = msgspec.structs.replace(ESTIMATE, contamination=MAP)
+
+
+def mapped(**changes: Any) -> dict[str, Contamination]:
+    return {"contamination": msgspec.structs.replace(MAP, **changes)}
+
+
 FRAME = Frame(**SENDER, epoch=0, translation_m=(0.0,) * 3, yaw_rad=0.0, covariance=(0.0,) * 16)
 
 
@@ -338,6 +362,9 @@ def orders(first: float, second: float) -> tuple[ConeOrder, ConeOrder]:
         (ESTIMATE, {"sources": sources(1.0, 0.0, 0.0, 1.0, 0.0, -1.0)}, "variance is negative"),
         (ESTIMATE, {"sources": sources(4.0, 2.1, 0.0, 1.0, 0.0, 0.0)}, "correlation"),
         (ESTIMATE, {"sources": sources(4.0, 0.0, 1e-3, 1.0, 0.0, 0.0)}, "correlation"),
+        (MAPPED, mapped(across=3), "4 blocks are no whole rows of 3"),
+        (MAPPED, mapped(blocks=(Block(0, 1, 2), Block(0, 0, 0))), "between the quantiles"),
+        (MAPPED, mapped(total_bq=Range(6e8, 3e8, 5e8)), "between the quantiles"),
         (FRAME, {"covariance": (1.0, 0.5, 0.0, 0.0, 0.4, 1.0, *(0.0,) * 10)}, "symmetric"),
     ],
 )

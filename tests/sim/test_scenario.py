@@ -237,6 +237,10 @@ activity_bq = 1e9
         ("[mission.surwey]\nheight_m = 3.0", r"unknown key 'mission.surwey'; did you mean 'survey'\?"),
         ("[mission.survey]\nheigth_m = 3.0", r"unknown key 'mission.survey.heigth_m'; did you mean 'height_m'\?"),
         ("[mission.survey]\nheight_m = 100.0", r"survey.height_m = 100 is outside area.floor_m .. area.ceiling_m"),
+        (
+            "[mission.survey]\nstrategy = 'map'\nlow_height_m = 0.5\nlane_spacing_m = 5.0",
+            r"survey.low_height_m = 0.5 is outside area.floor_m .. area.ceiling_m",
+        ),
         ('[mission.fusion]\nestimator = "kalman"', r"fusion.estimator"),
         ("[mission.fusion]\nestimator = 'given'", r"needs fusion.given.schedule"),
         ("this is no toml", r"not TOML"),

@@ -49,8 +49,9 @@ class Analysis:
     def anew(self, sums: Sums, position_sigma_m: Sequence[float]) -> Analysed:
         """Return a fit that begins without contamination. position_sigma_m: 1 sigma of each drone's horizontal position."""
         problem = self._problem(sums, position_sigma_m)
-        nothing = problem.fitted(Solution.nothing(sums.counts.shape[1], len(position_sigma_m)), _NOTHING)
-        level = problem.fitted(problem.with_ground(nothing.solution), _ANEW)
+        clean = Solution.nothing(sums.counts.shape[1], len(position_sigma_m))
+        nothing = problem.fitted(clean, _NOTHING)
+        level = problem.fitted(problem.with_ground(clean), _ANEW)  # the fit of nothing has all counts in the background
         positive = PositiveMap(problem.model, level)
         coefficients = positive.fitted(positive.start(), _MAP_ANEW)
         shaped = problem.shaped(positive.activity(coefficients))

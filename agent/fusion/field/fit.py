@@ -8,8 +8,9 @@ and the log evidence of a fit at its maximum is [TK86]
 
     ln p(y) = l - theta' P theta / 2 - ln|H| / 2 + ln|P| / 2.
 
-Scale and length of the ground's prior are those of the greatest evidence on a grid, by the quadratic approximation of l at the
-last step: then a pair costs one factorisation.
+Scatter and drones' errors stay at zero in a fit, and count in its covariance and evidence: fitted together with the activity
+they blur its edges. Scale and length of the ground's prior are those of the greatest evidence on a grid, by the quadratic
+approximation of l at the last step: then a pair costs one factorisation.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from radron.agent.geometry import Array
 
 SCALES: Final = tuple(10.0 ** (0.5 * power) for power in range(6, 17))  # Bq/m2
 LENGTHS_M: Final = (8.0, 14.0, 25.0)
-_MAX_ERROR_STEP: Final = 0.3  # of scatter, places (m) and sensitivities
-HELD: Final = 1e8  # precision
+_MAX_BACKGROUND_STEP: Final = 1.0  # of the background's logarithm
+_HELD: Final = 1e8  # precision
 _HALVINGS: Final = 4
 
 
@@ -62,7 +63,7 @@ class Problem:
     """Fits to the sums of one model."""
 
     def __init__(self, model: CountModel, priors: Priors, mean: float = MEAN_BQM2) -> None:
-        """mean: prior 1 sigma of the mean activity, Bq/m2; so wide that the counts decide."""
+        """mean: prior 1 sigma of the mean activity, and of that beyond the grid, Bq/m2; so wide that the counts decide."""
         self.model, self._priors, self._mean = model, priors, mean
         modes = model.grid.modes
         beyond = float(model.amplitude.max()) ** 2
@@ -91,10 +92,7 @@ class Problem:
             fisher, pull = self._normal(solution)
             if smoothness is None and len(solution.ground) and iteration < choices:
                 now = self._chosen(solution, fisher, pull, now)
-                held = HELD  # the errors mean nothing before there is an activity
-            else:
-                held = 0.0
-            solution = self._stepped(solution, fisher, pull, now, held)
+            solution = self._stepped(solution, fisher, pull, now)
         return self._judged(solution, now)
 
     def _normal(self, solution: Solution) -> tuple[Array, Array]:
@@ -110,7 +108,7 @@ class Problem:
     def precision(self, solution: Solution, smoothness: Smoothness) -> Array:
         """Return the prior's precision of a solution's vector."""
         variance = smoothness.scale**2 * self._spectra[smoothness.length_m]
-        variance[0] += self._mean**2
+        variance[[0, -1]] += self._mean**2  # of the grid, and of the ground beyond
         return self._priors.precision(solution, 1.0 / variance)
 
     def _chosen(self, solution: Solution, fisher: Array, pull: Array, now: Smoothness) -> Smoothness:
@@ -125,21 +123,19 @@ class Problem:
         )
 
     def _approximate(self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness) -> float:
-        """Return the log evidence up to a constant, with the errors held: linearised, they could replace the activity."""
+        """Return the log evidence up to a constant."""
         precision = self.precision(solution, smoothness)
-        factor, pull = _held(fisher + precision, pull, solution, HELD)
+        factor, pull = _held(fisher + precision, pull, solution)
         mean = cho_solve(factor, pull)
         ground = slice(0, len(solution.ground))
         prior = np.log(np.diag(precision)[ground]).sum()
         return float(0.5 * pull @ mean - np.log(np.diag(factor[0])).sum() + 0.5 * prior)
 
-    def _stepped(self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness, held: float) -> Solution:
-        """Return the solution after a step, halved until the posterior density rises. held: precision with which scatter and
-        drones' errors are held.
-        """
+    def _stepped(self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness) -> Solution:
+        """Return the solution after a step, halved until the posterior density rises; the solution itself if it does not."""
         precision = self.precision(solution, smoothness)
         here = solution.vector
-        factor, pull = _held(fisher + precision, pull, solution, held)
+        factor, pull = _held(fisher + precision, pull, solution)
         step = _limited(cho_solve(factor, pull) - here, solution)
         before = self._density(solution, precision)
         for _ in range(_HALVINGS):
@@ -147,7 +143,7 @@ class Problem:
             if self._density(after, precision) >= before:
                 return after
             step = 0.5 * step
-        return after
+        return solution
 
     def _density(self, solution: Solution, precision: Array) -> float:
         vector = solution.vector
@@ -165,20 +161,20 @@ class Problem:
         return Fitted(solution, smoothness, covariance, evidence)
 
 
-def _held(matrix: Array, pull: Array, solution: Solution, precision: float) -> tuple[tuple[Array, bool], Array]:
-    """Return the factor of a normal matrix, and its right side, with scatter and drones' errors held with this precision."""
+def _held(matrix: Array, pull: Array, solution: Solution) -> tuple[tuple[Array, bool], Array]:
+    """Return the factor of a normal matrix, and its right side, with scatter and drones' errors held."""
     errors = np.arange(solution.errors.start, solution.errors.stop)
     result = matrix.copy()
-    result[errors, errors] += precision
+    result[errors, errors] += _HELD
     side = pull.copy()
-    side[errors] += precision * solution.vector[errors]
+    side[errors] += _HELD * solution.vector[errors]
     return cho_factor(result, lower=True), side
 
 
 def _limited(step: Array, solution: Solution) -> Array:
-    """Return the step with the steps of scatter and drones' errors limited."""
-    result = step.copy()
-    result[solution.errors] = np.clip(step[solution.errors], -_MAX_ERROR_STEP, _MAX_ERROR_STEP)
+    """Return the step with a limited step of the background, whose logarithm is fitted."""
+    result, own = step.copy(), slice(len(solution.ground), solution.errors.start)
+    result[own] = np.clip(step[own], -_MAX_BACKGROUND_STEP, _MAX_BACKGROUND_STEP)
     return result
 
 

@@ -141,7 +141,7 @@ class Kernels:
 
 
 def kernels_of(sums: Sums, height: Array, grid: Grid, detector: AnyDetector) -> Kernels:
-    """Compute the kernels of sums; zero for a reference hover. height: (R,) of the detectors above the ground, metres."""
+    """Compute the kernels of sums; height: (R,) of the detectors above the ground, metres."""
     rows, channels = len(sums), len(detector.background_ps)
     result = np.zeros((2, rows, channels, grid.size), np.float32)
     beyond = np.zeros((2, rows, channels))
@@ -154,8 +154,6 @@ def kernels_of(sums: Sums, height: Array, grid: Grid, detector: AnyDetector) -> 
             for way in range(2):
                 result[way, part] = np.moveaxis(here[way], 2, 1) * grid.cell_m**2
                 beyond[way, part] = np.einsum("rnc,n->rc", far[way], grid.beyond_m2)
-    result[:, sums.is_reference] = 0.0
-    beyond[:, sums.is_reference] = 0.0
     return Kernels(result[0], result[1], beyond)
 
 

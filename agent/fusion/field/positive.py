@@ -6,6 +6,7 @@ intervals are the linear fit's. Background and errors are fixed at those of the 
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -18,7 +19,7 @@ from radron.agent.geometry import Array
 MEAN: Final = -2.0  # m: a tenth of c
 SIGMA: Final = 3.0  # of f
 LENGTH_M: Final = 10.0
-_SHARE: Final = 0.3  # c relative to the scale of the linear fit
+_SHARE: Final = 0.3  # c relative to the scale and the mean of the linear fit
 _FLOOR: Final = 0.05  # of c, for the logarithm of the start
 _MAX_STEP: Final = 6.0
 
@@ -34,7 +35,7 @@ class PositiveMap:
 
     def __init__(self, model: CountModel, linear: Fitted) -> None:
         self._model, self._linear = model, linear
-        self.scale = _SHARE * linear.smoothness.scale
+        self.scale = _SHARE * math.hypot(linear.smoothness.scale, float(linear.solution.ground[0]))
         self._precision = 1.0 / (SIGMA**2 * model.grid.spectrum(LENGTH_M))
         solution = linear.solution
         exposed = (model.live_s * np.exp(solution.bias[model.drone, 3]))[:, None]
@@ -54,7 +55,7 @@ class PositiveMap:
         """Return coefficients (modes,) from the linear fit's map."""
         grid = self._model.grid
         share = np.maximum(self._model.activity(self._linear.solution) / self.scale, _FLOOR)
-        wanted = np.log(np.expm1(share)) - MEAN
+        wanted = share + np.log(-np.expm1(-share)) - MEAN  # ln(e^share - 1), which would overflow
         result: Array = grid.projected(wanted) / grid.size
         return result
 
@@ -81,10 +82,10 @@ class PositiveMap:
         score = weighted.T @ (model.counts - expected).ravel() - self._precision * coefficients
         step = cho_solve(cho_factor(fisher, lower=True), score)
         step *= min(1.0, _MAX_STEP / max(float(np.abs(grid.field(step)).max()), 1e-9))
-        before, after = self._density(coefficients), coefficients
+        before = self._density(coefficients)
         for _ in range(4):
-            after = coefficients + step
+            after: Array = coefficients + step
             if self._density(after) >= before:
-                break
+                return after
             step = 0.5 * step
-        return after
+        return coefficients

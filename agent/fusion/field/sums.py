@@ -19,15 +19,17 @@ FINEST_MM: Final = 600  # side of the smallest voxels; the others are 2, 4, ... 
 MAX_LEVEL: Final = 6
 MAX_PLACE_MM: Final = 1_000_000  # from the mission frame's origin: the sums over an hour fit into 64 bits
 _FINE: Final = 1_000_000  # units of facing
-_KEY, _LIVE, _PLACE, _FACING, _COUNTS = slice(0, 6), 6, slice(7, 10), slice(10, 12), 12
+_KEY, _LIVE, _PLACE, _FACING, _COUNTS = slice(0, 5), 5, slice(6, 9), slice(9, 11), 11
+_VOXEL = slice(2, 5)
+MAX_SUMS: Final = 2000  # of one fit: its time grows with them
 
 
 @dataclass(frozen=True, eq=False)
 class Sums:
     """R sums over exposures, ascending by drone and voxel.
 
-    table: (R, 12 + C) drone's number; 1 for the reference hover, else 0; level and voxel (3); live time (ns); sums of the
-    position (mm, 3) and of the facing (1e-6, 2) times live time; counts by channel.
+    table: (R, 11 + C) drone's number; level and voxel (3); live time (ns); sums of the position (mm, 3) and of the facing
+    (1e-6, 2) times live time; counts by channel.
     """
 
     table: Integers
@@ -45,22 +47,22 @@ class Sums:
         more = list(rows)
         if not more:
             return self
-        table = np.concatenate((self.table, np.array(more, np.int64)))
-        keys, index = np.unique(table[:, _KEY], axis=0, return_inverse=True)
-        summed = np.zeros((len(keys), table.shape[1]), np.int64)
-        np.add.at(summed, index.ravel(), table)
-        summed[:, _KEY] = keys
-        return Sums(summed)
+        return Sums(_summed(np.concatenate((self.table, np.array(more, np.int64)))))
+
+    def limited(self, most: int = MAX_SUMS) -> Sums:
+        """Return at most so many sums: those of voxels of twice the side, as often as needed."""
+        table = self.table
+        while len(table) > most and np.any(np.abs(table[:, _VOXEL] + 0.5) > 0.5):
+            table = table.copy()
+            table[:, 1] += 1
+            table[:, _VOXEL] //= 2
+            table = _summed(table)
+        return Sums(table)
 
     @property
     def drone(self) -> Integers:
         """(R,) numbers of the drones."""
         return self.table[:, 0]
-
-    @property
-    def is_reference(self) -> NDArray[np.bool_]:
-        """(R,) whether the sum is of the reference hover."""
-        return np.asarray(self.table[:, 1] > 0)
 
     @property
     def live_s(self) -> Array:
@@ -83,13 +85,20 @@ class Sums:
         return self.table[:, _COUNTS:].astype(np.float64)
 
 
+def _summed(table: Integers) -> Integers:
+    """Return the table with rows of the same drone and voxel added up, ascending."""
+    keys, index = np.unique(table[:, _KEY], axis=0, return_inverse=True)
+    result = np.zeros((len(keys), table.shape[1]), np.int64)
+    np.add.at(result, index.ravel(), table)
+    result[:, _KEY] = keys
+    return result
+
+
 def row_of(
     observation: CountObservation,
     number: int,
     height_m: float,
     counted: Callable[[CountObservation], tuple[int, ...]],
-    *,
-    is_reference: bool = False,
 ) -> list[int] | None:
     """Return the row of one exposure, in a voxel of at most half the camera's height; None for a place out of range.
 
@@ -103,7 +112,7 @@ def row_of(
     voxel = (part // (FINEST_MM << level) for part in mm)
     facing = (round(_FINE * part) for part in observation.facing)
     weighted = (part * live_ns for part in (*mm, *facing))
-    return [number, int(is_reference), level, *voxel, live_ns, *weighted, *counted(observation)]
+    return [number, level, *voxel, live_ns, *weighted, *counted(observation)]
 
 
 def rows_of(
@@ -111,11 +120,7 @@ def rows_of(
     numbers: Mapping[str, int],
     height_m: Callable[[CountObservation], float],
     counted: Callable[[CountObservation], tuple[int, ...]],
-    reference_ns: int,
 ) -> list[list[int]]:
-    """Return the rows of exposures; those whose middle is before ``reference_ns`` (UTC) are of the reference hover."""
-    rows = (
-        row_of(one, numbers[one.identity.drone], height_m(one), counted, is_reference=one.middle_ns < reference_ns)
-        for one in observations
-    )
+    """Return the rows of exposures."""
+    rows = (row_of(one, numbers[one.identity.drone], height_m(one), counted) for one in observations)
     return [row for row in rows if row is not None]

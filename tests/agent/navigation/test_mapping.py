@@ -144,6 +144,7 @@ def test_end(keys: dict[str, float], searched_s: float, complete: bool, ends: bo
         (replace(SURVEY, lane_spacing_m=11.0), "survey.lane_spacing_m = 11 leaves gaps"),
         (replace(SURVEY, low_height_m=5.0), "survey.low_height_m = 5 is not below"),
         (replace(SURVEY, strategy="lanes"), "need survey.strategy = 'map'"),
+        (replace(SURVEY, block_uncertainty=0.2), "survey.block_uncertainty needs survey.duration_s"),
     ],
 )
 def test_refused(survey: SurveyConfig, says: str) -> None:

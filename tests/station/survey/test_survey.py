@@ -242,7 +242,7 @@ def test_contaminated_ground_of_a_survey_is_mapped(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert (tmp_path / "out" / "ground.png").read_bytes().startswith(b"\x89PNG")
     found = json.loads((tmp_path / "out" / "survey.json").read_text())["estimate"]["contamination"]
-    _, low, high = found["total_bq"]  # wide: without a reference hover the background is known to 30 %
+    _, low, high = found["total_bq"]  # wide: the background is known to 30 %
     assert low < 200e3 * 400.0 < high
     assert found["highest_bqm2"][1] < 200e3 < found["highest_bqm2"][2]
     x, y, _ = found["highest_m"]

@@ -1,4 +1,4 @@
-"""Surveys of contaminated ground, with counts summed over points of the ground and not by the estimator's kernels."""
+"""Surveys of contaminated ground, with counts of the simulation's photons (``common.lawns``), not by the estimator's kernels."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
+from common.lawns import background_ps, kernel
 from radron.agent.config.estimators import FieldEstimatorConfig, FusionConfig
 from radron.agent.config.mission import AreaConfig, DroneInMission, MissionConfig
 from radron.agent.frames.transform import Transform
-from radron.agent.fusion.bayes.response import response_of
 from radron.agent.fusion.estimator import GridStep
 from radron.agent.fusion.field.estimator import FieldEstimator
-from radron.agent.fusion.field.kernel import MiniPix
+from radron.agent.fusion.field.grid import MARGIN_M
 from radron.agent.fusion.observation import CountObservation
 from radron.protocol.entries import EntryId
 
@@ -65,22 +65,18 @@ def observation(drone, number, place, counts, time_s):
     return CountObservation(end_ns, end_ns - NS // 4, tuple(place), STEP_S, three, 0.2, 0.02, NOWHERE, identity, 0)
 
 
-def survey(activity, seed=1, height_m=3.0, times=2, sources=()):
-    """Observations over ground of this activity per area (a function of x and y, Bq/m2), and sources ((x, y), Bq)."""
+def survey(activity, seed=1, height_m=3.0, times=2):
+    """Observations over ground of this activity per area (a function of x and y, Bq/m2, also 10 m beyond the area)."""
     rng = np.random.default_rng(seed)
-    detector = MiniPix(response_of("Cs-137", "soil"))
-    line = np.arange(POINT_M / 2, SIDE_M, POINT_M)
+    line = np.arange(POINT_M / 2 - MARGIN_M, SIDE_M + MARGIN_M, POINT_M)
     points = np.stack([part.ravel() for part in np.meshgrid(line, line)], axis=1)
     per_point = activity(points[:, 0], points[:, 1]) * POINT_M**2
     points, per_point = points[per_point > 0.0], per_point[per_point > 0.0]
     found = []
     for drone, way in zip(DRONES, lanes(height_m, times), strict=True):
         for number, place in enumerate(way):
-            rate = detector.background_ps.copy()
-            places = np.concatenate((points, np.array([at for at, _ in sources], float).reshape(-1, 2)))
-            off, none = places - place[:2], np.zeros(len(places))
-            direct, scattered = detector.per_bq(off[:, 0], off[:, 1], none + place[2], (none, none))
-            rate += np.concatenate((per_point, [bq for _, bq in sources])) @ (direct + scattered)
+            away = np.hypot(*(points - place[:2]).T)
+            rate = background_ps(height_m) + per_point @ kernel("Cs-137", height_m, away)
             found.append(observation(drone, number, place, rng.poisson(rate * STEP_S), (number + 1) * STEP_S))
     return found
 

@@ -67,22 +67,32 @@ def test_sums_do_not_depend_on_the_order(lawn):
     def summed(parts):
         sums = Sums.none(2)
         for part in parts:
-            sums = sums.plus(rows_of(part, numbers, lambda one: one.position[2], MINIPIX.counted, 0))
+            sums = sums.plus(rows_of(part, numbers, lambda one: one.position[2], MINIPIX.counted))
         return sums.table
 
     forward = summed([observations])
     other = lawn.shuffled(observations)
     assert np.array_equal(forward, summed([other[:50], other[50:51], other[51:]]))
-    assert forward[:, 12:].sum() == sum(one.counts[0] for one in observations)
+    assert forward[:, 11:].sum() == sum(one.counts[0] for one in observations)
 
 
 @pytest.mark.parametrize("height_m", [1.3, 2.0, 3.0, 5.0, 12.0])
 def test_voxels_are_at_most_half_the_height(lawn, height_m):
     def key(x):
-        return row_of(lawn.observation("a", 0, (x, 0.0, height_m), (1, 0), 1.0), 0, height_m, MINIPIX.counted)[:6]
+        return row_of(lawn.observation("a", 0, (x, 0.0, height_m), (1, 0), 1.0), 0, height_m, MINIPIX.counted)[:5]
 
     apart = 0.51 * height_m
     assert all(key(x) != key(x + apart) for x in np.arange(0.0, 5.0, 0.1))
+
+
+def test_many_sums_become_those_of_larger_voxels(lawn):
+    rows = rows_of(lawn.survey(lambda x, y: 0.0 * x, times=1), {"a": 0, "b": 1}, lambda one: one.position[2], MINIPIX.counted)
+    sums = Sums.none(2).plus(rows)
+    few = sums.limited(40)
+    assert len(few) <= 40 < len(sums)
+    assert np.array_equal(few.table[:, 5:].sum(axis=0), sums.table[:, 5:].sum(axis=0))
+    assert np.array_equal(sums.limited().table, sums.table)
+    assert len(sums.limited(1)) == 2  # a drone's own sums remain apart
 
 
 def test_absurd_places_are_left_out(lawn):

@@ -75,7 +75,9 @@ def test_patch_is_mapped_by_ordinary_detectors(lawn, responses):
     state = lawn.folded(estimator, survey(lawn, mission, BQ_M2))
     found = state.newest.contamination
     total = BQ_M2 * (PATCH[1] - PATCH[0]) ** 2
-    assert found.total_bq.median == pytest.approx(total, rel=0.2)  # two codes of transport, soils of different composition: 12 %
+    assert found.total_bq.low < total < found.total_bq.high
+    if len(set(responses)) == 1:  # a crystal of 1 cm3 over half of the area leaves the total uncertain by 40 %
+        assert found.total_bq.median == pytest.approx(total, rel=0.2)  # two transports and soils: 12 %
     x, y, _ = found.highest_m
     assert PATCH[0] < x < PATCH[1]
     assert PATCH[0] < y < PATCH[1]
@@ -94,7 +96,7 @@ def test_kernels_of_a_mixed_swarm_are_those_of_each_kind(lawn):
     observations = [replace(lawn.observation("a", k, place, (64, 0), 1.0), bins=(1,) * 64) for k, place in enumerate(places)]
     observations += [lawn.observation("b", k, place, (6, 1), 1.0) for k, place in enumerate(places)]
     assert all(map(mixed.fits, observations))
-    sums = Sums.none(2).plus(rows_of(observations, numbers, height, mixed.counted, 0))
+    sums = Sums.none(2).plus(rows_of(observations, numbers, height, mixed.counted))
     heights, grid = np.full(len(sums), 3.0), Grid.around(Polygon(mission.area.polygon_m))
     found = kernels_of(sums, heights, grid, mixed)
     for number, kind in enumerate((sodium, camera)):

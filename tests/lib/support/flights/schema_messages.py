@@ -8,6 +8,7 @@ import msgspec
 from hypothesis import strategies as st
 from msgspec import inspect
 
+from radron.protocol.contamination import Block, Contamination, Range
 from radron.protocol.entries import CarriedFrame, Cone, Exposure, Retraction, Sighting
 from radron.protocol.messages import KINDS, AnyMessage, Frame, Plan, Source, Status
 
@@ -128,12 +129,23 @@ def _labelled(values: dict[str, Any]) -> dict[str, Any]:
     return {**values, **{name: values[name][: counts[name]] for name in lists}, "finding": finding, "codes": codes}
 
 
+def _ascending(values: dict[str, Any]) -> dict[str, Any]:
+    return dict(zip(("low", "median", "high"), sorted(values.values()), strict=True))
+
+
+def _whole_rows(values: dict[str, Any]) -> dict[str, Any]:
+    return {**values, "across": 1 if len(values["blocks"]) % values["across"] else values["across"]}
+
+
 CONSISTENT: dict[type, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    Block: _ascending,
     CarriedFrame: _carried_frame,
     Cone: _shared,
+    Contamination: _whole_rows,
     Exposure: _ordered,
     Frame: _unsure_frame,
     Plan: _flyable,
+    Range: _ascending,
     Retraction: _of_before,
     Sighting: _of_another,
     Source: _unsure_source,
