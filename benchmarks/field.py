@@ -2,8 +2,9 @@
 
 Three cameras fly lanes of 5 m over a hectare for ten minutes at 3 m/s. Counts come from the simulation's photons over soil
 (``common.lawns``), positions are off by 0.15 m along each axis. Printed for each survey: the total's relative error and its
-number of sigmas, the median error of hot blocks, the shares of hot and of all blocks in their 90 % intervals, the least uniform
-contamination that can be told, and the processor time of a fit and of a refinement.
+number of sigmas, the median error of hot blocks, the shares of hot and of all blocks in their 90 % intervals, the L2 norm of all
+blocks' errors relative to that of the truth, the least uniform contamination that can be told, and the processor time of a fit
+and of a refinement.
 """
 
 from __future__ import annotations
@@ -87,13 +88,15 @@ def judged(found: Analysed, points: Array, level: Array) -> str:
     block = (points[:, 1] // BLOCK_M * report.across + points[:, 0] // BLOCK_M).astype(int)
     true = np.bincount(block, level) / np.bincount(block)
     median, low, high = report.unit_bqm2 * np.array([(one.median, one.low, one.high) for one in report.blocks], float).T
+    apart = f"; L2 {np.linalg.norm(median - true) / np.linalg.norm(true):.2f}" if total else ""
     hot, held = true > 0.5 * max(true.max(), 1.0), (low - report.unit_bqm2 <= true) & (true <= high + report.unit_bqm2)
     sigma = (report.total_bq.high - report.total_bq.median) / 1.645
     error = (
         f"total {report.total_bq.median / total - 1.0:+.3f} z {(report.total_bq.median - total) / sigma:+.2f}" if total else "-"
     )
     blocks = f"{np.median(abs(median[hot] / true[hot] - 1.0)):.3f} in 90 % {held[hot].mean():.2f}" if hot.any() else "-"
-    return f"{report.finding}: {error}; hot blocks {blocks}, all {held.mean():.2f}; least {report.least_bqm2 / 1e3:.1f} kBq/m2"
+    least = f"least {report.least_bqm2 / 1e3:.1f} kBq/m2"
+    return f"{report.finding}: {error}; hot blocks {blocks}, all {held.mean():.2f}{apart}; {least}"
 
 
 def main(

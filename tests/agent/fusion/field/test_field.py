@@ -14,7 +14,7 @@ from radron.agent.config.mission import GroundConfig
 from radron.agent.fusion.bayes.response import response_of
 from radron.agent.fusion.deferred import Deferred, Folder
 from radron.agent.fusion.field.analysis import Analysis
-from radron.agent.fusion.field.fit import Problem, Smoothness
+from radron.agent.fusion.field.fit import FLAT, MEAN_BQM2, Problem, Smoothness
 from radron.agent.fusion.field.grid import Grid
 from radron.agent.fusion.field.kernel import MiniPix, kernels_of
 from radron.agent.fusion.field.model import CountModel, Priors, Solution, of_drones
@@ -134,28 +134,48 @@ def test_strong_contamination_is_not_told_as_background(analysis, level_bqm2):
     assert report.total_bq.low < true_bq < report.total_bq.high
 
 
-def test_map_of_activity_far_above_its_scale(analysis):
-    """Beyond 709 scales e^x is no number."""
-    level = analysis.anew(flat_sums(1e6), [0.2, 0.2]).level
-    sums = flat_sums(1e6)
+def problem_of(sums):
     height = np.full(len(sums), 5.0)
     model = CountModel(sums, height, kernels_of(sums, height, GRID, MINIPIX), GRID, MINIPIX)
-    positive = PositiveMap(model, replace_fit(level, smoothness=Smoothness(1e3, 14.0)))
+    return Problem(model, Priors(0.3, of_drones([0.2, 0.2]), 0.05))
+
+
+CLEAN = Solution.nothing(2, 2)
+
+
+def test_map_of_activity_far_above_its_scale(analysis):
+    """Beyond 709 scales e^x is no number; a mean of many scales sets the scale."""
+    sums = flat_sums(1e6)
+    level = replace_fit(analysis.anew(sums, [0.2, 0.2]).level, smoothness=Smoothness(1e3, 14.0))
+    positive = PositiveMap(problem_of(sums).model, level)
+    assert positive.scale > 1e5
     positive.scale = 1e3
     activity = positive.activity(positive.start())
     assert np.isfinite(activity).all()
     assert float(activity @ GRID.inside_m2) == pytest.approx(1e6 * SIDE_M**2, rel=0.2)
 
 
-def test_six_steps_are_enough(analysis):
+def test_six_steps_are_enough():
     """A fit of 20 steps is the same one: within a tenth of its uncertainty."""
-    sums = flat_sums(1e6)
-    height = np.full(len(sums), 5.0)
-    model = CountModel(sums, height, kernels_of(sums, height, GRID, MINIPIX), GRID, MINIPIX)
-    problem = Problem(model, Priors(0.3, of_drones([0.2, 0.2]), 0.05))
-    start = problem.with_ground(Solution.nothing(2, 2))
-    (few, sigma), (many, _) = (total_of(problem.fitted(start, steps), model) for steps in (6, 20))
+    problem = problem_of(flat_sums(1e6))
+    start = problem.with_ground(CLEAN)
+    (few, sigma), (many, _) = (total_of(problem.fitted(start, steps), problem.model) for steps in (6, 20))
     assert abs(few - many) < 0.1 * sigma
+
+
+def test_steps_of_the_background_are_limited_and_never_downhill(monkeypatch):
+    problem = problem_of(flat_sums(1e8))
+    assert 0.0 < np.abs(problem.fitted(CLEAN, 1).solution.background).max() <= 1.0
+    monkeypatch.setattr(problem, "_density", lambda solution, _: 0.0 if solution is CLEAN else -1.0)
+    fisher, pull = problem._normal(CLEAN)
+    assert problem._stepped(CLEAN, fisher, pull, FLAT) is CLEAN
+
+
+def test_ground_beyond_may_be_as_active_as_the_area():
+    problem = problem_of(flat_sums(1e6))
+    start = problem.with_ground(CLEAN)
+    precision = np.diag(problem.precision(start, Smoothness(1e3, 14.0)))[: len(start.ground)]
+    assert precision[[0, -1]] == pytest.approx(MEAN_BQM2**-2, rel=1e-3)
 
 
 def test_counts_out_of_range_leave_the_map_empty_and_are_counted(lawn, observations, monkeypatch):
