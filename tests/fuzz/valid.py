@@ -15,6 +15,7 @@ _TEXTS = {  # of the patterns of radron.protocol.units, by a part of them
     "0-9]{1,3}m?": ("Cs-137", "Co-60", "Am-241", "Ba-133", "Zz-999m"),
     "{32}": ("0" * 32, "f" * 32, "0123456789abcdef" * 2),
     "{16}": ("0" * 16, "f" * 16, "0123456789abcdef"),
+    "{0,48}": ("", "low-battery", "x" * 48),
     "{0,31}": ("d1", "d2", "d3", "a", "x" * 32, "bayes", "0"),
 }
 
@@ -41,6 +42,8 @@ def _value(rng: Random, kind: inspect.Type, tame: bool) -> Any:  # noqa: PLR0912
         case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
             sizes = [size for size in (0, 1, 2, 9, 16, 32, most or 0) if (least or 0) <= size <= (most or 9)]
             return tuple(_value(rng, item, tame) for _ in range(rng.choice(sizes)))
+        case inspect.DictType(key_type=inspect.EnumType(cls=cls), value_type=value):
+            return {one: _value(rng, value, tame) for one in cls if rng.random() < 0.5}
         case inspect.DictType(key_type=key, value_type=value):
             return {f"{_value(rng, key, tame)}{place}"[-64:]: _value(rng, value, tame) for place in range(rng.randrange(4))}
         case inspect.UnionType(types=types):

@@ -78,8 +78,7 @@ class FieldEstimator:
     hold_s = 0.25
 
     def __init__(self, mission: MissionConfig, area: Polygon) -> None:
-        """``area``: the mission's area, mission frame. ``failed``: number of fits that failed; for the operator, no result
-        depends on it.
+        """``area``: the mission's area, mission frame. ``failed``: number of fits that failed, on which no result depends.
 
         Raises:
             ConfigError: the drones have different detectors, the tables of counts lack the nuclide, or the mission names several.

@@ -5,8 +5,9 @@ For the sum r of drone d, in channel c, with the live time T_r, the kernels U an
     lambda_rc = T_r exp(g_d) [exp(v_c) B_c + sum_j (U_rcj + exp(s) S_rcj) a_j + (U_rc + exp(s) S_rc) b],
 
 a_j activity per area of cell j, linear in the coefficients u of ``grid.Grid``, and b the same of all ground beyond the grid.
-Errors of the background (v), of the soil's scatter (s), and of each drone's sensitivity (g), place (x, y) and height (z) are
-fitted with it: a drone off by x counts as if the ground was off by -x. The linear link lets a be negative: only then are totals
+The error of the background (v) is fitted with it. Errors of the soil's scatter (s), and of each drone's sensitivity (g), place
+(x, y) and height (z) stay at zero, and widen the intervals by their derivatives: a drone off by x counts as if the ground was off
+by -x. The linear link lets a be negative: only then are totals
 unbiased.
 """
 
