@@ -12,7 +12,7 @@ def end(drone: str, **changed: Any) -> AgentEnd:
     values: dict[str, Any] = {
         "drone": drone, "alive": True, "stage": Stage.LANDED, "digest": "abcdef0123456789" * 2, "position_m": (1.0, 2.0, 0.0),
         "covariance_m2": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0), "cones": 5, "setpoints": 9, "computed_setpoints": 9,
-        "largest_gap_s": 0.1, "failsafes": 0, "truth": "world", "counters": {}, "problems": (),
+        "largest_gap_s": 0.1, "failsafes": 0, "truth": "world", "counters": {}, "problems": (), "problem_codes": (),
     }  # fmt: skip
     return AgentEnd(**{**values, **changed})
 
