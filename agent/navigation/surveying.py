@@ -38,6 +38,7 @@ _TURN_SHARE = 0.75  # share of the acceleration limit that is assumed for turns
 # the first distance in a step without progress, its progress along the path is increased by the second one. A gap in the coverage
 # left by that is covered after the next division of the area.
 _STILL_M, _ONWARD_M = 0.02, 0.05
+_OPPOSITE = 0.95  # cosine from which a way leads against the direction of a lane
 
 
 class Search:
@@ -152,7 +153,23 @@ class Search:
         path = survey_path(self._area, self._left(), self._drone, active, self.swath_m, ends)
         if len(path) == 0:  # all is covered without a source: start again
             path = survey_path(self._area, self._region, self._drone, active, self.swath_m, ends)
-        return PathFollower(np.vstack([position, path]))  # the way to the first lane is part of the path
+        return PathFollower(_with_approach(position, path, self.swath_m))
+
+
+def _with_approach(position: Point2, path: Path, swath_m: float) -> NDArray[np.float64]:
+    """Return a path of lanes (K, 2) with the way to its first lane.
+
+    A way that would lead along the first lane to the lane's begin leads along the next lane instead: a plan to and fro on one
+    line turns before its end, and a drone that follows it stands.
+    """
+    here, begin, end = np.asarray(position), path[0], path[min(1, len(path) - 1)]
+    way, lane = begin - here, end - begin
+    way_m, lane_m = float(np.hypot(*way)), float(np.hypot(*lane))
+    if min(way_m, lane_m) < swath_m or way @ lane > -_OPPOSITE * way_m * lane_m:
+        return np.vstack([here, path])
+    aside = path[2] - end if len(path) > 2 else np.array((-lane[1], lane[0]))
+    aside *= swath_m / max(float(np.hypot(*aside)), swath_m)
+    return np.vstack([here, begin + aside, path])
 
 
 class Prospect:

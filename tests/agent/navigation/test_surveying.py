@@ -10,6 +10,7 @@ from radron.agent.config.mission import AreaConfig, DroneInMission, Encirclement
 from radron.agent.config.survey import SurveyConfig
 from radron.agent.frames.graph import FrameGraph
 from radron.agent.fusion.estimator import Exclusion, Outlook
+from radron.agent.motion.survey import survey_path
 from radron.agent.navigation import covered as covered_module
 from radron.agent.navigation.covered import MOST_ENTRIES, MOST_WINDOWS
 from radron.agent.navigation.surveying import _PORTION, COVERAGE_S, CoverageLog, InformedSearch, Prospect, Search, conclusion
@@ -49,6 +50,12 @@ def take(search, drone, path):
     points = [line.interpolate(at_m).coords[0] for at_m in np.arange(0.0, line.length + 1.0, 1.001)]
     for number, first in enumerate(range(0, len(points) - 1, 30)):
         search.take(coverage(drone, points[first : first + 31], number * 5 * 10**9))
+
+
+def first_lane():
+    """Begin and end of the lane that a drone alone flies first."""
+    path = survey_path(Polygon(SQUARE), Polygon(SQUARE), "a", ["a"], MISSION.survey.lane_spacing_m, {"a": (0.0, 0.0)})
+    return path[0], path[1]
 
 
 def fly(search, active, start, seconds):
@@ -100,6 +107,17 @@ def test_a_standstill_does_not_last(search, left_m):
         search.reference(["a"], there, 5, STEP_S)
     search.reference(["a"], there, 5, STEP_S)
     assert search._follower is not follower  # the remaining area has been divided again
+
+
+@pytest.mark.parametrize("along", [0.25, 0.5, 0.75])
+def test_the_way_to_the_first_lane_does_not_lead_back_over_it(search, along):
+    """A drone of a map of a hectare was launched on its first lane, and stood for the whole flight before the lane's begin."""
+    begin, end = (np.array(point) for point in first_lane())
+    positions, _ = search.reference(["a"], tuple(begin + along * (end - begin)), 200, 0.2)
+    legs = np.diff(positions, axis=0)
+    legs = legs[np.hypot(*legs.T) > 1e-6]
+    turns = np.einsum("ij,ij->i", legs[1:], legs[:-1]) / (np.hypot(*legs[1:].T) * np.hypot(*legs[:-1].T))
+    assert turns.min() > -0.9
 
 
 def test_all_that_is_covered_is_known_to_be_so_before_the_own_path_ends(search):
