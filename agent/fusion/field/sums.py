@@ -1,53 +1,42 @@
-"""The measurements: exposures summed by drone and voxel, in integers, so that the sums do not depend on the order of entries."""
+"""The measurements: exposures summed by drone and voxel, whose size grows with the height above the ground."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radron.agent.fusion.observation import CountObservation
+from radron.agent.fusion.voxelsums import VoxelSums, summed, weighted
 from radron.agent.geometry import Array
-
-Integers = NDArray[np.int64]
 
 FINEST_MM: Final = 600  # side of the smallest voxels; the others are 2, 4, ... times as large
 MAX_LEVEL: Final = 6
 MAX_PLACE_MM: Final = 1_000_000  # from the mission frame's origin: the sums over an hour fit into 64 bits
-_FINE: Final = 1_000_000  # units of facing
-_KEY, _LIVE, _PLACE, _FACING, _COUNTS = slice(0, 5), 5, slice(6, 9), slice(9, 11), 11
-_VOXEL = slice(2, 5)
+_VOXEL, _COUNTS = slice(2, 5), 11
 MAX_SUMS: Final = 2000  # of one fit: its time grows with them
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
-    """R sums over exposures, ascending by drone and voxel.
+class Sums(VoxelSums):
+    """Sums of counts by channel. Key: drone's number, level and voxel (3). Other sums: counts by channel."""
 
-    table: (R, 11 + C) drone's number; level and voxel (3); live time (ns); sums of the position (mm, 3) and of the facing
-    (1e-6, 2) times live time; counts by channel.
-    """
-
-    table: Integers
+    KEYS: ClassVar[int] = 5
 
     @classmethod
     def none(cls, channels: int) -> Sums:
         """Return sums without exposures."""
         return cls(np.zeros((0, _COUNTS + channels), np.int64))
 
-    def __len__(self) -> int:
-        return len(self.table)
-
     def plus(self, rows: Iterable[list[int]]) -> Sums:
         """Return the sums with further ``row_of`` exposures."""
         more = list(rows)
         if not more:
             return self
-        return Sums(_summed(np.concatenate((self.table, np.array(more, np.int64)))))
+        return Sums(summed(np.concatenate((self.table, np.array(more, np.int64))), self.KEYS))
 
     def limited(self, most: int = MAX_SUMS) -> Sums:
         """Return at most so many sums: those of voxels of twice the side, as often as needed."""
@@ -56,42 +45,13 @@ class Sums:
             table = table.copy()
             table[:, 1] += 1
             table[:, _VOXEL] //= 2
-            table = _summed(table)
+            table = summed(table, self.KEYS)
         return Sums(table)
-
-    @property
-    def drone(self) -> Integers:
-        """(R,) numbers of the drones."""
-        return self.table[:, 0]
-
-    @property
-    def live_s(self) -> Array:
-        """(R,) live times."""
-        return np.asarray(self.table[:, _LIVE] * 1e-9, np.float64)
-
-    @property
-    def place(self) -> Array:
-        """(R, 3) mean positions, mission frame, metres."""
-        return np.asarray(self.table[:, _PLACE] / self.table[:, _LIVE, None] * 1e-3, np.float64)
-
-    @property
-    def facing(self) -> Array:
-        """(R, 2) means of cos 2 psi and sin 2 psi, psi the heading."""
-        return np.asarray(self.table[:, _FACING] / self.table[:, _LIVE, None] / _FINE, np.float64)
 
     @property
     def counts(self) -> Array:
         """(R, C) counts by channel."""
         return self.table[:, _COUNTS:].astype(np.float64)
-
-
-def _summed(table: Integers) -> Integers:
-    """Return the table with rows of the same drone and voxel added up, ascending."""
-    keys, index = np.unique(table[:, _KEY], axis=0, return_inverse=True)
-    result = np.zeros((len(keys), table.shape[1]), np.int64)
-    np.add.at(result, index.ravel(), table)
-    result[:, _KEY] = keys
-    return result
 
 
 def row_of(
@@ -108,11 +68,8 @@ def row_of(
     if max(map(abs, mm)) > MAX_PLACE_MM:
         return None
     level = min(max(math.floor(math.log2(max(500.0 * height_m, 1.0) / FINEST_MM)), 0), MAX_LEVEL)
-    live_ns = round(observation.live_time_s * 1e9)
     voxel = (part // (FINEST_MM << level) for part in mm)
-    facing = (round(_FINE * part) for part in observation.facing)
-    weighted = (part * live_ns for part in (*mm, *facing))
-    return [number, level, *voxel, live_ns, *weighted, *counted(observation)]
+    return [number, level, *voxel, *weighted(observation, mm), *counted(observation)]
 
 
 def rows_of(

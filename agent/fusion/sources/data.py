@@ -1,6 +1,6 @@
 """The measurements: exposures summed by drone and voxel, in integers, and single cones.
 
-Sums of integers do not depend on the order of the summands; nor do the results computed from them.
+The results computed from sums of integers do not depend on the order of the summands either.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,30 +17,26 @@ from scipy.sparse import csr_array
 from radron.agent.fusion.bayes.cones import Orders
 from radron.agent.fusion.observation import ConeObservation, CountObservation
 from radron.agent.fusion.sources.bins import pooled
+from radron.agent.fusion.voxelsums import Integers, VoxelSums, summed, weighted
 from radron.agent.geometry import Array
 from radron.protocol.spectrum import BINS
 
 _VOXEL_MM = 500
 _COARSE = 4  # voxels on a side of a coarse one
-_KEY, _LIVE, _PLACE, _FACING, _SPREAD, _COUNTS = slice(0, 4), 4, slice(5, 8), slice(8, 10), 10, slice(11, 11 + BINS)
+_SPREAD, _COUNTS = 10, slice(11, 11 + BINS)
 _COLUMNS = 11 + BINS
-_FINE = 1_000_000  # units of facing
 _FARTHEST_MM = 100_000_000  # from the mission frame's origin: beyond, a minute's sum would not fit into 64 bits
 _LONGEST_WAY_M = 10.0  # limit of an exposure's way in the spread
 UNTOLD_HITS = 5  # an exposure with at least so many hits and no spectrum is of a program that publishes none
 
-Integers = NDArray[np.int64]
-
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """R sums over exposures, ascending by drone and voxel.
-
-    table: (R, 43) drone's number, voxel (3), live time (ns), sums of position (mm, 3) and facing (1e-6, 2) times live time (ns),
-    sum of the mean squared distance from the voxel's middle (mm2) times live time (us), counts by bin.
+class Rows(VoxelSums):
+    """Sums with a spectrum. Key: drone's number, voxel (3). Other sums: mean squared distance from the voxel's middle (mm2) times
+    live time (us); counts by bin.
     """
 
-    table: Integers
+    KEYS: ClassVar[int] = 4
 
     @classmethod
     def none(cls) -> Rows:
@@ -52,47 +49,19 @@ class Rows:
         row = _row(observation, number)
         return cls.none() if row is None else cls(np.array([row], np.int64))
 
-    def __len__(self) -> int:
-        return len(self.table)
-
     def plus(self, observations: Iterable[CountObservation], numbers: dict[str, int]) -> Rows:
         """Return the rows with further exposures added; ``numbers``: the drones' numbers."""
         more = [row for one in observations for row in [_row(one, numbers[one.identity.drone])] if row is not None]
         if not more:
             return self
-        table = np.concatenate((self.table, np.array(more, np.int64)))
-        keys, index = np.unique(table[:, _KEY], axis=0, return_inverse=True)
-        summed = np.zeros((len(keys), _COLUMNS), np.int64)
-        np.add.at(summed, index.ravel(), table)
-        summed[:, _KEY] = keys
-        return Rows(summed)
-
-    @property
-    def drone(self) -> Integers:
-        """(R,) numbers of the drones, ascending."""
-        return self.table[:, 0]
-
-    @property
-    def live_s(self) -> Array:
-        """(R,) live times."""
-        return np.asarray(self.table[:, _LIVE] * 1e-9, np.float64)
-
-    @property
-    def place(self) -> Array:
-        """(R, 3) mean positions, mission frame, metres."""
-        return np.asarray(self.table[:, _PLACE] / self.table[:, _LIVE, None] * 1e-3, np.float64)
+        return Rows(summed(np.concatenate((self.table, np.array(more, np.int64))), self.KEYS))
 
     @property
     def spread_m2(self) -> Array:
         """(R,) mean squared distance of the cameras from the mean position."""
         middle = (self.table[:, 1:4] + 0.5) * _VOXEL_MM * 1e-3
-        about_middle = self.table[:, _SPREAD] / self.table[:, _LIVE] * 1e-3
+        about_middle = self.table[:, _SPREAD] / self._live * 1e-3
         return np.asarray(np.maximum(about_middle - ((self.place - middle) ** 2).sum(axis=1), 0.0), np.float64)
-
-    @property
-    def facing(self) -> Array:
-        """(R, 2) means of cos 2 psi and sin 2 psi, psi the heading."""
-        return np.asarray(self.table[:, _FACING] / self.table[:, _LIVE, None] / _FINE, np.float64)
 
     @property
     def counts(self) -> Array:
@@ -112,7 +81,6 @@ def summing(group: NDArray[np.intp], groups: int) -> csr_array:
 
 
 def _row(observation: CountObservation, number: int) -> list[int] | None:
-    live_ns = round(observation.live_time_s * 1e9)
     if not observation.spectrum and observation.counts[0] >= UNTOLD_HITS:
         return None
     mm = [round(1e3 * part) for part in observation.position]
@@ -121,9 +89,9 @@ def _row(observation: CountObservation, number: int) -> list[int] | None:
     counts = [0] * BINS
     for one in observation.spectrum:
         counts[one.place] = one.singles + one.coincidences
-    facing = [round(_FINE * part) for part in observation.facing]
+    live_ns, *sums = weighted(observation, mm)
     spread = round(_spread_mm2(mm, observation.way_m)) * (live_ns // 1000)
-    return [number, *(part // _VOXEL_MM for part in mm), live_ns, *(part * live_ns for part in (*mm, *facing)), spread, *counts]
+    return [number, *(part // _VOXEL_MM for part in mm), live_ns, *sums, spread, *counts]
 
 
 def _spread_mm2(mm: Sequence[int], way_m: float) -> float:
