@@ -49,7 +49,7 @@ class Analysis:
     def anew(self, sums: Sums, position_sigma_m: Sequence[float]) -> Analysed:
         """Return a fit that begins without contamination. position_sigma_m: 1 sigma of each drone's horizontal position."""
         problem = self._problem(sums, position_sigma_m)
-        clean = Solution.nothing(sums.counts.shape[1], len(position_sigma_m))
+        clean = Solution.nothing(sums.counts.shape[1])
         nothing = problem.fitted(clean, _NOTHING)
         level = problem.fitted(problem.with_ground(clean), _ANEW)  # the fit of nothing has all counts in the background
         positive = PositiveMap(problem.model, level)
@@ -62,7 +62,7 @@ class Analysis:
         """Return the fit to more measurements, by a fixed number of steps from a fit."""
         problem = self._problem(sums, position_sigma_m)
         level = problem.fitted(before.level.solution, _REFINED, before.level.smoothness)
-        nothing = problem.fitted(Solution.nothing(sums.counts.shape[1], len(position_sigma_m)), _NOTHING)
+        nothing = problem.fitted(Solution.nothing(sums.counts.shape[1]), _NOTHING)
         shaped = problem.shaped(before.activity)
         blocks = shaped.fitted(before.blocks.solution, _REFINED, shaped.rough)
         return self._analysed(problem, level, nothing.evidence, before.coefficients, shaped, blocks)

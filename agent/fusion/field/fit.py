@@ -8,7 +8,7 @@ and the log evidence of a fit at its maximum is [TK86]
 
     ln p(y) = l - theta' P theta / 2 - ln|H| / 2 + ln|P| / 2.
 
-Scatter and drones' errors stay at zero in a fit, and count in its covariance and evidence: fitted together with the activity
+Scatter and drones' errors are zero in a fit, and count in its covariance and evidence alone: fitted together with the activity
 they blur its edges. Scale and length of the ground's prior are those of the greatest evidence on a grid, by the quadratic
 approximation of l at the last step: then a pair costs one factorisation.
 """
@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.ndimage import gaussian_filter
 
 from radron.agent.fusion.field.model import CountModel, Priors, Solution
@@ -30,7 +30,6 @@ from radron.agent.geometry import Array
 SCALES: Final = tuple(10.0 ** (0.5 * power) for power in range(6, 17))  # Bq/m2
 LENGTHS_M: Final = (8.0, 14.0, 25.0)
 _MAX_BACKGROUND_STEP: Final = 1.0  # of the background's logarithm
-_HELD: Final = 1e8  # precision
 _HALVINGS: Final = 4
 
 
@@ -51,7 +50,9 @@ FLAT: Final = Smoothness(1e6, 14.0)
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A fit at its maximum. covariance: of the solution's vector. evidence: ln p(y), up to a constant of the data."""
+    """A fit at its maximum. covariance: of the solution's vector, widened by the errors that are zero in the fit.
+    evidence: ln p(y), up to a constant of the data.
+    """
 
     solution: Solution
     smoothness: Smoothness
@@ -125,7 +126,7 @@ class Problem:
     def _approximate(self, solution: Solution, fisher: Array, pull: Array, smoothness: Smoothness) -> float:
         """Return the log evidence up to a constant."""
         precision = self.precision(solution, smoothness)
-        factor, pull = _held(fisher + precision, pull, solution)
+        factor = cho_factor(fisher + precision, lower=True)
         mean = cho_solve(factor, pull)
         ground = slice(0, len(solution.ground))
         prior = np.log(np.diag(precision)[ground]).sum()
@@ -135,7 +136,7 @@ class Problem:
         """Return the solution after a step, halved until the posterior density rises; the solution itself if it does not."""
         precision = self.precision(solution, smoothness)
         here = solution.vector
-        factor, pull = _held(fisher + precision, pull, solution)
+        factor = cho_factor(fisher + precision, lower=True)
         step = _limited(cho_solve(factor, pull) - here, solution)
         before = self._density(solution, precision)
         for _ in range(_HALVINGS):
@@ -150,30 +151,25 @@ class Problem:
         return self.model.log_likelihood(self.model.expected(solution)) - 0.5 * float(vector @ precision @ vector)
 
     def _judged(self, solution: Solution, smoothness: Smoothness) -> Fitted:
-        precision = self.precision(solution, smoothness)
-        fisher, _ = self._normal(solution)
-        factor = cho_factor(fisher + precision, lower=True)
-        covariance = cho_solve(factor, np.eye(len(fisher)))
+        """Return the fit at its maximum, with the errors that are zero in it."""
+        model, priors = self.model, self._priors
+        precision, of_errors = self.precision(solution, smoothness), priors.of_errors
+        weight = (model.weight / model.expected(solution)).ravel()
+        jacobian = np.hstack((model.jacobian(solution), model.by_errors(solution, len(priors.place_m))))
+        factor = cho_factor((jacobian * weight[:, None]).T @ jacobian + block_diag(precision, np.diag(of_errors)), lower=True)
+        fitted = len(precision)
+        covariance = cho_solve(factor, np.eye(len(factor[0]))[:, :fitted])[:fitted]
         evidence = self._density(solution, precision) - float(np.log(np.diag(factor[0])).sum())
-        evidence += 0.5 * float(np.linalg.slogdet(precision)[1])
+        evidence += 0.5 * float(np.linalg.slogdet(precision)[1] + np.log(of_errors).sum())
         if len(solution.ground):
             evidence -= math.log(len(SCALES) * len(LENGTHS_M))
         return Fitted(solution, smoothness, covariance, evidence)
 
 
-def _held(matrix: Array, pull: Array, solution: Solution) -> tuple[tuple[Array, bool], Array]:
-    """Return the factor of a normal matrix, and its right side, with scatter and drones' errors held."""
-    errors = np.arange(solution.errors.start, solution.errors.stop)
-    result = matrix.copy()
-    result[errors, errors] += _HELD
-    side = pull.copy()
-    side[errors] += _HELD * solution.vector[errors]
-    return cho_factor(result, lower=True), side
-
-
 def _limited(step: Array, solution: Solution) -> Array:
     """Return the step with a limited step of the background, whose logarithm is fitted."""
-    result, own = step.copy(), slice(len(solution.ground), solution.errors.start)
+    own = slice(len(solution.ground), None)
+    result = step.copy()
     result[own] = np.clip(step[own], -_MAX_BACKGROUND_STEP, _MAX_BACKGROUND_STEP)
     return result
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Protocol
 
 import numpy as np
@@ -31,7 +32,7 @@ _CHUNK: Final = 64  # rows at once: a few megabytes
 
 
 class Detector(Protocol):
-    """What the kernels need to know of a kind of detector."""
+    """A kind of detector, as the kernels need it: its background, its exposures, and its counts of ground."""
 
     @property
     def background_ps(self) -> Array:
@@ -138,6 +139,11 @@ class Kernels:
 
     def __len__(self) -> int:
         return len(self.direct)
+
+    @cached_property
+    def every(self) -> Floats:
+        """(R, C, N) counts by direct and scattered photons."""
+        return self.direct + self.scattered
 
 
 def kernels_of(sums: Sums, height: Array, grid: Grid, detector: AnyDetector) -> Kernels:

@@ -1,7 +1,7 @@
 """The map with no negative activity: a softplus link, a_j = c ln(1 + exp(f_j)), f = m + phi u.
 
 It draws sharper edges than the linear link, but turns doubt about the background into a floor over the whole area: totals and
-intervals are the linear fit's. Background and errors are fixed at those of the linear fit.
+intervals are the linear fit's. The background is fixed at that of the linear fit.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from radron.agent.fusion.field.fit import Fitted
-from radron.agent.fusion.field.model import CountModel
+from radron.agent.fusion.field.model import MIN_SHARE, CountModel
 from radron.agent.geometry import Array
 
 MEAN: Final = -2.0  # m: a tenth of c
@@ -37,15 +37,12 @@ class PositiveMap:
         self._model, self._linear = model, linear
         self.scale = _SHARE * math.hypot(linear.smoothness.scale, float(linear.solution.ground[0]))
         self._precision = 1.0 / (SIGMA**2 * model.grid.spectrum(LENGTH_M))
-        solution = linear.solution
-        exposed = (model.live_s * np.exp(solution.bias[model.drone, 3]))[:, None]
-        self._exposed = exposed.astype(np.float32)
-        self._per_cell = model.per_cell(solution)
-        alone = model.expected(solution) - np.asarray(exposed * self._signal(model.activity(solution)))
-        self._other: Array = np.maximum(alone, 0.3 * model.background)
+        self._live_s = model.live_s[:, None].astype(np.float32)
+        alone = model.expected(linear.solution) - model.live_s[:, None] * self._signal(model.activity(linear.solution))
+        self._other: Array = np.maximum(alone, MIN_SHARE * model.background)
 
     def _signal(self, activity: Array) -> Array:
-        return np.asarray(self._per_cell @ activity.astype(np.float32), np.float64)
+        return np.asarray(self._model.kernels.every @ activity.astype(np.float32), np.float64)
 
     def activity(self, coefficients: Array) -> Array:
         """Return a (N,), Bq/m2."""
@@ -67,15 +64,15 @@ class PositiveMap:
         return found
 
     def _density(self, coefficients: Array) -> float:
-        expected = self._other + self._exposed * self._signal(self.activity(coefficients))
+        expected = self._other + self._live_s * self._signal(self.activity(coefficients))
         return self._model.log_likelihood(expected) - 0.5 * float(self._precision @ coefficients**2)
 
     def _stepped(self, coefficients: Array) -> Array:
         model, grid = self._model, self._model.grid
         latent = MEAN + grid.field(coefficients)
-        expected = self._other + self._exposed * self._signal(self.scale * softplus(latent))
+        expected = self._other + self._live_s * self._signal(self.scale * softplus(latent))
         slope = (self.scale / (1.0 + np.exp(-latent))).astype(np.float32)
-        jacobian = grid.projected(self._exposed[..., None] * (self._per_cell * slope)).reshape(-1, grid.modes)
+        jacobian = grid.projected(self._live_s[..., None] * (model.kernels.every * slope)).reshape(-1, grid.modes)
         weight = (model.weight / expected).ravel()
         weighted = jacobian * weight[:, None]
         fisher = weighted.T @ jacobian + np.diag(self._precision)

@@ -140,7 +140,7 @@ def problem_of(sums):
     return Problem(model, Priors(0.3, of_drones([0.2, 0.2]), 0.05))
 
 
-CLEAN = Solution.nothing(2, 2)
+CLEAN = Solution.nothing(2)
 
 
 def test_map_of_activity_far_above_its_scale(analysis):
