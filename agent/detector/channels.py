@@ -14,6 +14,14 @@ from radron.agent.errors import DetectorError
 Array = NDArray[np.float64]
 
 
+def energies_of(channels: int, energy_kev: tuple[float, ...]) -> Array:
+    """Return the energies (channels + 1,) at the edges of a device's channels; energy_kev: a, b, c, ... of a + b n + c n^2 + ...;
+    n counts the edges from 0.
+    """
+    edges: Array = np.polynomial.polynomial.polyval(np.arange(channels + 1), np.array(energy_kev))
+    return edges
+
+
 class Channels:
     """Converts the readouts of an ordinary detector to counts in the channels of its table of response.
 
@@ -63,7 +71,7 @@ class Channels:
                     f"spectra of {channels} channels, its table of response has {table}; give detector.energy_kev"
                 )
             return np.eye(table)
-        edges_kev = np.polynomial.polynomial.polyval(np.arange(channels + 1), np.array(self._energy_kev))
+        edges_kev = energies_of(channels, self._energy_kev)
         if not np.all(np.diff(edges_kev) > 0.0):
             raise DetectorError(f"detector.energy_kev does not rise over {channels} channels; correct it")
         low = np.clip(self._edges_kev[None, :], edges_kev[:-1, None], edges_kev[1:, None])

@@ -60,17 +60,17 @@ class Response:
         angles = np.abs(np.asarray(angles_deg, float))
         if self._angles_deg[-1] == 90.0:
             angles = np.minimum(angles, 180.0 - angles)
-        low, share = _place(np.log(energies_kev), self._log_energy)
+        low, share = cell_of(np.log(energies_kev), self._log_energy)
         rows = values[low] * (1.0 - share)[:, None, None] + values[low + 1] * share[:, None, None]
         if len(self._angles_deg) == 1:
             return np.repeat(rows, len(angles), axis=1)
-        low, share = _place(angles, self._angles_deg)
+        low, share = cell_of(angles, self._angles_deg)
         found: Array = rows[:, low] * (1.0 - share)[None, :, None] + rows[:, low + 1] * share[None, :, None]
         return found
 
 
-def _place(at: Array, grid: Array) -> tuple[NDArray[np.intp], Array]:
-    """Cell of a rising grid, and the share of the way through it, within the grid's ends."""
+def cell_of(at: Array, grid: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return the cell of a rising grid for each value, and the share of the way through it, within the grid's ends."""
     low = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
     share: Array = np.clip((at - grid[low]) / (grid[low + 1] - grid[low]), 0.0, 1.0)
     return low, share

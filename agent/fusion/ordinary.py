@@ -17,11 +17,10 @@ from math import pi
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radron.agent.config.responses import ResponseTable
 from radron.agent.detector.lines import GAMMAS
-from radron.agent.detector.response import Response
+from radron.agent.detector.response import Response, cell_of
 from radron.agent.errors import ConfigError
 from radron.agent.fusion.bayes.response import response_of
 from radron.agent.fusion.observation import CountObservation
@@ -77,7 +76,7 @@ class OrdinaryCounts:
 
     @cached_property
     def _mean_areas(self) -> Array:
-        """(G, 2) areas of the energy groups, m2, as means over all directions."""
+        """(G, 2) areas of the energy groups, m2, as means over all directions from below."""
         edges = np.array(EDGES_KEV)
         cosines = (np.arange(10) + 0.5) / 10.0
         areas = self._response.areas_cm2(np.sqrt(edges[1:] * edges[:-1]), np.degrees(np.arccos(cosines)))
@@ -116,16 +115,10 @@ class OrdinaryCounts:
 
     def _between(self, height: Array, horizontal: Array) -> Array:
         """Scattered counts (..., 2) times 4 pi D^2 exp(mu D), between the table's heights and slopes; at its edge beyond."""
-        low, above = _place(np.log(np.maximum(height, HEIGHTS_M[0])), self._log_heights)
-        ring, beyond = _place(np.arcsinh(horizontal / np.maximum(height, 1e-3)), self._slopes)
+        low, above = cell_of(np.log(np.maximum(height, HEIGHTS_M[0])), self._log_heights)
+        ring, beyond = cell_of(np.arcsinh(horizontal / np.maximum(height, 1e-3)), self._slopes)
         above, beyond, table = above[..., None], beyond[..., None], self._scattered
         lower = (1.0 - beyond) * table[low, ring] + beyond * table[low, ring + 1]
         upper = (1.0 - beyond) * table[low + 1, ring] + beyond * table[low + 1, ring + 1]
         found: Array = (1.0 - above) * lower + above * upper
         return found
-
-
-def _place(at: Array, grid: Array) -> tuple[NDArray[np.intp], Array]:
-    """Cell of a rising grid, and the share of the way through it, within the grid's ends."""
-    low = np.clip(np.searchsorted(grid, at, side="right") - 1, 0, len(grid) - 2)
-    return low, np.clip((at - grid[low]) / (grid[low + 1] - grid[low]), 0.0, 1.0)

@@ -348,7 +348,7 @@ class Executive:
         if self._maps:
             if self.stage is Stage.SURVEY and not self.finding:
                 searched_s = self._mission.flight.searched_s(now_ns)
-                self.finding = map_conclusion(self._config.survey, searched_s, self._search.is_complete, self._blocks())
+                self.finding = map_conclusion(self._config.survey, searched_s, self._search.is_complete, self._blocks)
         elif self._world.fusion.hypothesis is not None:
             self.finding = None
         elif self.stage is Stage.SURVEY:

@@ -152,18 +152,22 @@ def _square(block: Block) -> Polygon:
     return Polygon([(x, y), (x + side, y), (x + side, y + side), (x, y + side)])
 
 
-def map_conclusion(survey: SurveyConfig, searched_s: float, is_complete: bool, blocks: Sequence[Block]) -> CodedText | None:
+def map_conclusion(
+    survey: SurveyConfig, searched_s: float, is_complete: bool, blocks: Callable[[], Sequence[Block]]
+) -> CodedText | None:
     """Return the result of a survey for a map, as a text for the operator; None while the survey continues.
 
     The survey ends after its duration (``survey.duration_s``), or once the map is as certain as the mission asks for
     (``survey.block_uncertainty``). If the mission gives neither, it ends when all lanes have been flown.
     """
-    reached = uncertainty(blocks)
-    if survey.block_uncertainty is not None and is_complete and reached is not None and reached <= survey.block_uncertainty:
+    wanted, duration_s = survey.block_uncertainty, survey.duration_s
+    if wanted is None and duration_s is None:
+        return CodedText(Code.MAPPED, f"mapped in {searched_s:.0f} s; all lanes flown") if is_complete else None
+    is_over = duration_s is not None and searched_s >= duration_s
+    if not is_over and (wanted is None or not is_complete):
+        return None
+    reached = uncertainty(blocks())
+    if is_complete and wanted is not None and reached is not None and reached <= wanted:
         return CodedText(Code.MAPPED, f"mapped in {searched_s:.0f} s; highest blocks known to {100.0 * reached:.0f} %")
-    if survey.duration_s is not None and searched_s >= survey.duration_s:
-        known = "" if reached is None else f"; highest blocks known to {100.0 * reached:.0f} %"
-        return CodedText(Code.MAPPED, f"mapped for {searched_s:.0f} s{known}")
-    if survey.duration_s is None and survey.block_uncertainty is None and is_complete:
-        return CodedText(Code.MAPPED, f"mapped in {searched_s:.0f} s; all lanes flown")
-    return None
+    known = "" if reached is None else f"; highest blocks known to {100.0 * reached:.0f} %"
+    return CodedText(Code.MAPPED, f"mapped for {searched_s:.0f} s{known}") if is_over else None

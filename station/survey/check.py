@@ -42,9 +42,10 @@ class Statistics(Struct, frozen=True):
     """Statistics of a survey.
 
     rate_ps: mean count rate. poisson_index: variance of the counts from record to record over that of chance; 1 for a sound
-    record. slow_change: relative standard deviation of the smoothed rate. empty: numbers of records without a count that should
-    have some, by chance less than once in a million. gaps: longer pauses than 1.5 records. gain: place of the strongest line in
-    each quarter of the survey, relative to its mean; empty if it is too weak. gain_line_kev: energy of that line.
+    record. slow_change: relative standard deviation of the smoothed rate. empty: places of records (0: the first) without a
+    count that should have some, by chance less than once in a million. gaps: longer pauses than 1.5 records. gain: place of the
+    strongest line in each quarter of the survey, relative to its mean; empty if it is too weak. gain_line_kev: energy of that
+    line.
     """
 
     records: int
@@ -59,12 +60,6 @@ class Statistics(Struct, frozen=True):
     lines: tuple[FoundLine, ...]
     gain: tuple[float, ...]
     gain_line_kev: float | None
-
-
-def energies_of(survey: Survey, energy_kev: tuple[float, ...]) -> Array:
-    """Return the energies (keV) at the edges of the survey's channels, (R + 1,), from the coefficients of a polynomial."""
-    edges: Array = np.polynomial.polynomial.polyval(np.arange(survey.counts.shape[1] + 1), np.array(energy_kev))
-    return edges
 
 
 def statistics(survey: Survey, edges_kev: Array, fwhm_share: float) -> Statistics:
@@ -118,7 +113,7 @@ def find_lines(counts: NDArray[np.int64], edges_kev: Array, fwhm_share: float) -
     Methods 50, 309); its significance is that of the counts' own scatter.
     """
     middle, widths = 0.5 * (edges_kev[1:] + edges_kev[:-1]), np.diff(edges_kev)
-    sigmas = fwhm_share * np.sqrt(661.7 * np.maximum(middle, 1.0)) / _FWHM_PER_SIGMA / widths
+    sigmas = _sigma_kev(np.maximum(middle, 1.0), fwhm_share) / widths
     scores = np.array([_score(counts, channel, sigma) for channel, sigma in enumerate(sigmas.tolist())])
     lines: list[FoundLine] = []
     for channel in np.argsort(-scores).tolist():
@@ -145,6 +140,12 @@ def _score(counts: NDArray[np.int64], channel: int, sigma: float) -> float:
     return float(weights @ window) / sqrt(float(weights**2 @ np.maximum(window, 1)))
 
 
+def _sigma_kev(energy_kev: Array, fwhm_share: float) -> Array:
+    """1 sigma of the lines at these energies; fwhm_share: full width at half maximum at 662 keV over the energy."""
+    found: Array = fwhm_share * np.sqrt(661.7 * energy_kev) / _FWHM_PER_SIGMA
+    return found
+
+
 def _nearest(energy_kev: float, fwhm_share: float) -> str:
     name, line = min(_KNOWN_KEV.items(), key=lambda one: abs(one[1] - energy_kev))
     return name if abs(line - energy_kev) < 0.5 * fwhm_share * sqrt(661.7 * line) else ""
@@ -153,14 +154,13 @@ def _nearest(energy_kev: float, fwhm_share: float) -> str:
 def _window(line: FoundLine, edges_kev: Array, fwhm_share: float, sigmas: float) -> NDArray[np.intp]:
     """Channels within so many standard deviations of a line."""
     middle = 0.5 * (edges_kev[1:] + edges_kev[:-1])
-    sigma_kev = fwhm_share * sqrt(661.7 * line.energy_kev) / _FWHM_PER_SIGMA
-    return np.flatnonzero(np.abs(middle - line.energy_kev) < sigmas * sigma_kev)
+    return np.flatnonzero(np.abs(middle - line.energy_kev) < sigmas * _sigma_kev(np.array(line.energy_kev), fwhm_share))
 
 
 def _gain(survey: Survey, line: FoundLine, edges_kev: Array, fwhm_share: float) -> tuple[float, ...]:
     """Place of a line in each part of the survey over their mean, by a fit of a Gaussian on a straight background."""
     middle = 0.5 * (edges_kev[1:] + edges_kev[:-1])
-    sigma_kev = fwhm_share * sqrt(661.7 * line.energy_kev) / _FWHM_PER_SIGMA
+    sigma_kev = float(_sigma_kev(np.array(line.energy_kev), fwhm_share))
     window = _window(line, edges_kev, fwhm_share, 4.0)
     at = (middle[window] - line.energy_kev) / sigma_kev
     places = []

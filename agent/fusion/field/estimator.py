@@ -81,7 +81,7 @@ class FieldEstimator:
         """``area``: the mission's area, mission frame. ``failed``: number of fits that failed, on which no result depends.
 
         Raises:
-            ConfigError: ordinary detectors are not over soil, the tables of counts lack the nuclide, or the mission names several.
+            ConfigError: as of ``detector_of``.
         """
         config = mission.fusion.field
         self._ground = Ground.from_config(mission)

@@ -135,7 +135,7 @@ def test_blocks_of_a_map_lie_from_west_to_east_and_then_north() -> None:
     ],
 )
 def test_end(keys: dict[str, float], searched_s: float, complete: bool, ends: bool) -> None:
-    assert bool(map_conclusion(replace(SURVEY, **keys), searched_s, complete, BLOCKS)) == ends
+    assert bool(map_conclusion(replace(SURVEY, **keys), searched_s, complete, lambda: BLOCKS)) == ends
 
 
 @pytest.mark.parametrize(

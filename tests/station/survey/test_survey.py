@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 
 from radron.agent.config.drone import DetectorConfig
 from radron.agent.config.loading import load_mission
+from radron.agent.detector.channels import energies_of
 from radron.agent.errors import ConfigError
 from radron.sim.radiation.camera import SourceView
 from radron.sim.radiation.crystal.emulated import Ordinary, OrdinaryTruth
 from radron.sim.radiation.truth import GroundTruth
 from radron.station.cli import app
-from radron.station.survey.check import energies_of, statistics
+from radron.station.survey.check import statistics
 from radron.station.survey.entries import exposures, folded, places_m
 from radron.station.survey.running import summary
 from radron.station.survey.table import Survey, read_survey
@@ -132,7 +133,7 @@ def test_unusable_files_are_refused_in_one_line(tmp_path: Path, header: str, tex
 
 
 def test_statistics_of_a_sound_survey() -> None:
-    found = statistics(made(), energies_of(made(3), ENERGY), 0.07)
+    found = statistics(made(), energies_of(made(3).counts.shape[1], ENERGY), 0.07)
     assert found.rate_ps == pytest.approx(100.0, rel=0.03)
     assert found.poisson_index == pytest.approx(1.0, abs=0.15)  # of 400 records: 7 %
     assert found.slow_change < 0.03
@@ -143,7 +144,7 @@ def test_statistics_of_a_sound_survey() -> None:
 
 def test_dead_records_and_drifting_gain_are_found() -> None:
     survey = made(gain=0.04, empty=slice(100, 110))
-    found = statistics(survey, energies_of(survey, ENERGY), 0.07)
+    found = statistics(survey, energies_of(survey.counts.shape[1], ENERGY), 0.07)
     assert found.empty == tuple(range(100, 110))
     assert found.gain[-1] - found.gain[0] == pytest.approx(0.03, abs=0.008)  # between the middles of first and last quarter
     assert found.poisson_index == pytest.approx(1.0, abs=0.15)
@@ -152,11 +153,11 @@ def test_dead_records_and_drifting_gain_are_found() -> None:
 def test_repeated_records_show_in_the_poisson_index() -> None:
     survey = made()
     survey.counts[1::2] = survey.counts[::2]
-    assert statistics(survey, energies_of(survey, ENERGY), 0.07).poisson_index < 0.7
+    assert statistics(survey, energies_of(survey.counts.shape[1], ENERGY), 0.07).poisson_index < 0.7
 
 
 def test_summary_names_repeated_records_but_not_the_chance_of_a_few() -> None:
-    edges = energies_of(made(3), ENERGY)
+    edges = energies_of(made(3).counts.shape[1], ENERGY)
     assert not any("Poisson index" in line and "smoothed" in line for line in summary(statistics(made(5), edges, 0.07), ()))
     repeated = made()
     repeated.counts[1::2] = repeated.counts[::2]
@@ -254,7 +255,7 @@ def test_contaminated_ground_of_a_survey_is_mapped(tmp_path: Path) -> None:
 def test_real_survey_of_a_vehicle() -> None:
     """SURO, Lednice: 24 empty records from the 1,281st on, K-40 and Bi-214, a gain that drifts by 2 %."""
     survey = read_survey(LEDNICE, "rec", "laser_alt_m")
-    found = statistics(survey, energies_of(survey, (-17.4, 3.1025, 2.74e-5)), 0.08)
+    found = statistics(survey, energies_of(survey.counts.shape[1], (-17.4, 3.1025, 2.74e-5)), 0.08)
     assert found.empty == tuple(range(1280, 1304))
     assert {line.nuclide for line in found.lines} == {"K-40", "Bi-214"}
     assert found.poisson_index == pytest.approx(1.0, abs=0.1)
