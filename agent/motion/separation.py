@@ -196,9 +196,9 @@ def escape(
 ) -> tuple[float, float] | None:
     """Return a horizontal velocity (m/s) to fly at once, as a last resort against a collision; None if that is not needed.
 
-    It is needed if this drone and another one, by measured positions and velocities, would come closer than the separation even
-    though both brake from now on. Then the velocity is zero for the drone with the right of way, and away from the other drone
-    for the one without it. Blind drones are not assumed to brake. ``reaction_s``: delay of the vehicle's reaction.
+    A collision threatens if this drone and another one, at their measured positions and velocities, would come closer than the
+    separation even if both braked from now on. Then the drone with the right of way stops, and the other one flies away from it.
+    Blind drones are not assumed to brake. ``reaction_s``: delay of the vehicle's reaction.
     """
     worst, answer = 0.0, None
     for peer in sorted(peers, key=lambda peer: peer.id):

@@ -110,8 +110,8 @@ class Steering:
     def jerk(self, situation: Situation, optimum: Array, peaks: Peaks, peers: Sequence[PeerPlan]) -> tuple[Status, Array]:
         """Return the horizontal jerks (H, 2) of a new plan of H steps, and how they were found.
 
-        They are those of the unconstrained optimum if that keeps all limits; else of the solution within the limits; else of
-        braking or evasion. ``optimum``: (4, H, 3), jerks, positions, velocities, accelerations; ``peaks``: its largest values
+        The unconstrained optimum is taken if it keeps all limits; else the optimum within the limits, or without one braking or
+        evasion. ``optimum``: (4, H, 3), jerks, positions, velocities, accelerations; ``peaks``: its largest values
         along each axis; ``peers``: the other drones as obstacles.
         """
         _, clear = self._neighbours(situation, optimum[1:2, :, :2], peers)

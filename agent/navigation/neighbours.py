@@ -1,7 +1,7 @@
 """Predicted positions of the other drones, in this drone's local frame: the obstacles for separation. They depend on the link:
 
 - Heard: the position follows from the drone's local frame, its messages, and this drone's sightings of it (``heard``).
-- One-way link: likewise; it does not hear this drone, so it gives no way, and is not counted when area and circle are divided.
+- One-way link: as heard. But the other drone does not hear this one: it gives no way, and has no share of area and circle.
 - Link lost in flight: the position by sightings, or else all possible positions (``silent``). For two seconds, also the positions
   of its last plan, because messages may only be late. If it circled, it is assumed to stop on that plan, until it has left.
 - Never heard: it may fly if this agent was started in flight, or the log holds its measurements. Then it counts as missing, like
@@ -302,8 +302,8 @@ class Neighbourhood:
 
 
 def _is_same(one: Neighbour, other: Neighbour, now_ns: int) -> bool:
-    """Whether both are the same drone at the same position. So it is with sightings, which do not depend on the own position
-    estimate.
+    """Whether both are the same drone at the same position. Two entries by sightings of one drone are, because sightings do not
+    depend on the own position estimate.
     """
     if one.id != other.id or one.plan.away is not None or other.plan.away is not None:
         return False

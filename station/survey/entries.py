@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from radron.agent.config.drone import DetectorConfig
 from radron.agent.config.mission import MissionConfig
-from radron.agent.detector.channels import Channels
+from radron.agent.detector.channels import Channels, energies_of
 from radron.agent.detector.readout import PixelHits, Readout
 from radron.agent.errors import ConfigError
 from radron.agent.terrain.ground import Ground
@@ -24,6 +24,11 @@ from radron.station.survey.table import Array, Survey
 BEGIN_NS = 1_000_000_000_000_000_000  # of the fold's time: a survey's own may be of any clock
 END_NS = 5_000_000_000  # after the last record: estimators wait for entries that are late
 _BOOT = "0" * 16
+
+
+def edges_kev_of(survey: Survey, energy_kev: tuple[float, ...]) -> Array:
+    """Return the energies at the edges of the survey's channels, (R + 1,) keV; energy_kev: as in the drone file."""
+    return energies_of(survey.counts.shape[1], energy_kev)
 
 
 def places_m(survey: Survey, mission: MissionConfig) -> Array:

@@ -10,12 +10,11 @@ import numpy as np
 
 from radron.agent.config.drone import DetectorConfig
 from radron.agent.config.loading import convert, load_mission
-from radron.agent.detector.channels import energies_of
 from radron.agent.errors import ConfigError
 from radron.agent.extras import lacking
 from radron.agent.outputs import replacing
 from radron.station.survey.check import Statistics, statistics
-from radron.station.survey.entries import exposures, folded, places_m
+from radron.station.survey.entries import edges_kev_of, exposures, folded, places_m
 from radron.station.survey.page import draw, draw_ground
 from radron.station.survey.table import read_survey
 
@@ -44,7 +43,7 @@ def run_survey(
     detector = _detector(energy)
     assert detector.energy_kev is not None
     survey = read_survey(file, *columns)
-    edges_kev = energies_of(survey.counts.shape[1], detector.energy_kev)
+    edges_kev = edges_kev_of(survey, detector.energy_kev)
     if not np.all(np.diff(edges_kev) > 0.0):
         raise ConfigError(f"--energy {energy}: does not rise over {survey.counts.shape[1]} channels")
     found = statistics(survey, edges_kev, resolution)
